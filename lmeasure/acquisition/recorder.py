@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -77,20 +78,20 @@ class Appended:
     def __init__(self, path: Path) -> None:
         self._file = path.open("xb", buffering=0)
         self._size = 0
-        self._full = False
+        self._failed: OSError | None = None
 
     def append(self, data: bytes) -> None:
-        """Write all of it; OSError when it cannot be written."""
-        if self._full:
-            return
+        """Write all of it; OSError when it cannot be written, and from then on."""
+        if self._failed is not None:
+            raise self._failed
         view = memoryview(data)
         try:
             while view:
                 view = view[self._file.write(view) :]
         except OSError as error:
-            self._full = True
+            self._failed = OSError(error.errno, error.strerror, str(self._file.name))
             self._file.truncate(self._size)
-            raise OSError(error.errno, error.strerror, str(self._file.name)) from error
+            raise self._failed from error
         self._size += len(data)
 
     def to_disk(self) -> None:
@@ -324,12 +325,15 @@ class _Writer:
     def close(self, ended: str) -> Recording:
         """Write what is left, mark stalls, and say how it ended."""
         path = self.folder / f"pass{self.passage}.csv"
-        try:
+
+        def rest() -> None:
             self._append(self.counting.assembler.feed(no_frames(), last=True))
-            self.counting.tell(np.empty(0), last=True)
-            self._to_disk()
-        except OSError as error:
-            ended = ended if ended != "complete" else files.not_written(path, error)
+
+        for step in (rest, partial(self.counting.tell, np.empty(0), last=True), self._to_disk):
+            try:
+                step()
+            except OSError as error:
+                ended = ended if ended != "complete" else files.not_written(path, error)
         self._log.close()
         self._csv.close()
         if self.counting.samples == 0:

@@ -445,8 +445,8 @@ class SyncAssembler:
     def _without_sync(self, instants: FloatArray, ready: int) -> None:
         """Drop frames that answer a missing SYNC, up to the SYNC behind those that are ready: a late answer may follow it.
 
-        Such a frame comes later than a period, and well before the next SYNC. Its channel has answered already or was not due to, or the
-        frame is later than any delay of a sender.
+        Such a frame comes later than a period, and well before the next SYNC. Some channel that sends then has answered already, or the
+        frame's own channel was not due to, or the frame is later than any delay of a sender.
         """
         if self._period is None:
             return
@@ -462,7 +462,8 @@ class SyncAssembler:
         again = np.ones(len(strays), np.bool_)
         again[first] = False
         due = self.transmission.due(self.syncs, self.syncs + len(self._sync_time))[self._field, self._window]
-        strays &= again | ~due | (self._at - stamps[self._window] > max(LONG * self._period, HELD_UP_S))
+        missed = np.isin(self._window, self._window[strays & again])
+        strays &= missed | ~due | (self._at - stamps[self._window] > max(LONG * self._period, HELD_UP_S))
         for w in np.unique(self._window[strays]):
             channels = len(np.unique(self._field[strays & (self._window == w)]))
             text = f"{spacing[w]:.6g} s without SYNC, frames of {channels} channels without a sample"

@@ -1,0 +1,529 @@
+"""A recording in a simulated world: bus, clocks and disk, with faults, all from one seed; and what must be true of the files it leaves.
+
+The code of the recorder and of its source runs as it is. Its time is simulated: sleeping moves the clock to the next frame. The thread that
+reads the bus is called whenever time moves, so that a seed gives the same bytes each time. The truth is in the counts: channel 1 counts 3
+per sample and channel 2 counts 5, so that each row says which sample it is.
+"""
+
+import contextlib
+import errno
+import hashlib
+import io
+import os
+import shutil
+import signal
+import types
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta, tzinfo
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import can
+import numpy as np
+import rigged_feed
+from numpy.typing import NDArray
+
+from lmeasure.acquisition import counter_fields, import_logs, record
+from lmeasure.acquisition.bus.sources import BusSource
+from lmeasure.core import LMeasureError
+from lmeasure.io import files
+from lmeasure.recording import Run, read_counts, read_run
+from lmeasure.rig import Rig
+
+FloatArray = NDArray[np.float64]
+BEGIN_S = 1_700_000_000.0
+CHANNELS = 6
+MOST_PER_S = 200.0
+"""Counts per second of the fastest channel; the rig's limit is ten times as much."""
+LIMIT_MM_S = 10.0 * MOST_PER_S * 0.012
+FAR = 50_000
+"""Counts from zero at which an encoder starts again."""
+SURE_S = 0.06
+"""What the smallest step of a clock that is noticed may leave."""
+PATCHED = ("lmeasure.acquisition.bus.sources", "lmeasure.acquisition.recorder", "lmeasure.acquisition.counters.counting")
+
+
+class Killed(BaseException):
+    """The process is gone."""
+
+
+class Idle(BaseException):
+    """Nothing is due: the thread that reads waits."""
+
+
+@dataclass
+class World:
+    """What one seed draws: the truth, what happens to the frames, the clocks and the disk, and how it went."""
+
+    seed: int
+    period_s: float
+    bits: int
+    truth: NDArray[np.int64]
+    due: list[tuple[float, can.Message | Exception | None]]
+    faults: list[str]
+    good: NDArray[np.bool_]
+    """Samples and channels (n, 6) of which each frame came, and the frames before and behind it."""
+    first_lost: NDArray[np.int64]
+    """The sample from which a channel has another origin."""
+    clock_steps: bool
+    disk: dict[int, str]
+    """What happens at an operation of the disk, by its number."""
+    stop_at_s: float
+    sent_s: FloatArray
+    """When each sample was taken."""
+    back_s: float
+    """When a bus that failed can be opened again."""
+    short: int
+    """So many bytes at most are written at once."""
+    now: float = 0.0
+    position: int = 0
+    operations: int = 0
+    kept: list[FloatArray] = field(default_factory=list)
+    left: dict[str, bytes] | None = None
+    """What the folder held when the process was killed."""
+    pump: Callable[[], None] = lambda: None
+    opened: list[io.FileIO] = field(default_factory=list)
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return len(self.truth)
+
+    def monotonic(self) -> float:
+        """Return the steady clock."""
+        return self.now
+
+    def time(self) -> float:
+        """Return the clock of the wall."""
+        return BEGIN_S + self.now
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass, until a frame is due where none is before."""
+        later = self.due[self.position][0] if self.position < len(self.due) else self.stop_at_s + 1.0
+        self.now = max(self.now + max(seconds, 1e-4), min(later, self.now + 60.0))
+        self.pump()
+
+    def recv(self) -> can.Message | None:
+        """Return the next frame that is due; None once, then Idle, where none is. What fails, raises."""
+        if self.position < len(self.due) and self.due[self.position][0] <= self.now:
+            what = self.due[self.position][1]
+            self.position += 1
+            if isinstance(what, Exception):
+                raise what
+            return what
+        raise Idle
+
+    def operation(self, folder: Path, write: Callable[[int], None] | None = None) -> None:
+        """Count an operation of the disk, and let it fail where the seed says so; write(k): writes a part of it."""
+        self.operations += 1
+        answer = self.disk.get(self.operations) or self.disk.get(0)
+        if answer is None or (answer == "full" and self.operations < -min(self.disk)):
+            return
+        if answer == "killed":
+            if write is not None:
+                write(self.seed % 7)
+            self.left = content(folder)
+            raise Killed
+        if answer in ("full", "part") and write is not None:
+            write(self.seed % 5)
+        number = errno.EIO if answer == "error" else errno.EINTR if answer == "interrupted" else errno.ENOSPC
+        raise OSError(number, os.strerror(number))
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    """Return the files of a folder."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def rig_of(bits: int) -> Rig:
+    """Return the rig of the six counters."""
+    return rigged_feed.cell(max_cable_speed_mm_s=LIMIT_MM_S, counter_bits=bits, zero_exact=True)
+
+
+def drawn(seed: int, samples: int = 400) -> World:
+    """Return the world of a seed."""
+    rng = np.random.default_rng(seed)
+    period, bits = float(rng.choice([0.05, 0.2, 1.0])), int(rng.choice([16, 24, 32]))
+    n, row = int(rng.integers(samples // 4, samples)), np.arange(samples)
+    waves = MOST_PER_S * 20.0 * np.sin(2.0 * np.pi * row[:, None] * period / rng.uniform(200.0, 900.0, 4) + rng.uniform(0, 6, 4))
+    truth = np.column_stack(
+        [3 * row, 5 * row + 7, np.rint(waves + rng.integers(-FAR, FAR, 4) * (2.0**15 / 2.0**17 if bits == 16 else 1.0))]
+    ).astype(np.int64)[:n]
+    fields = counter_fields(rig_of(bits))
+    came = np.ones((n, 1 + CHANNELS), bool)
+    twice = np.zeros((n, 1 + CHANNELS), bool)
+    late = np.zeros((n, 1 + CHANNELS))
+    sent_truth, words, first_lost = truth.copy(), [], np.full(CHANNELS, n)
+    faults: list[str] = []
+
+    def happens(name: str, chance: float) -> bool:
+        if rng.random() >= chance:
+            return False
+        faults.append(name)
+        return True
+
+    sent_s: FloatArray = np.arange(n, dtype=np.float64) * period
+    if happens("pause", 0.25):
+        sent_s[int(rng.integers(1, n)) :] += float(10.0 ** rng.uniform(1.0, 4.0))
+    if happens("lost", 0.35):
+        came[rng.random(came.shape) < rng.choice([0.002, 0.02])] = False
+    if happens("silent channel", 0.15):
+        at, long = int(rng.integers(n)), int(rng.integers(2, 40))
+        came[at : at + long, int(rng.integers(1, 1 + CHANNELS))] = False
+    if happens("doubled", 0.25):
+        twice[rng.random(twice.shape) < 0.02] = True
+    if happens("late", 0.25):
+        late[rng.random(late.shape) < 0.01] = period * rng.uniform(0.3, 0.9)
+        late[:, 0] = 0.0
+    if happens("encoder starts again", 0.25):
+        channel, at = int(rng.integers(2, CHANNELS)), int(rng.integers(5, n - 5))
+        if abs(truth[at, channel]) > FAR // 10:
+            sent_truth[at:, channel] -= truth[at, channel]
+            first_lost[channel] = at
+            if rng.random() < 0.6:
+                words.append(
+                    (float(sent_s[at]) - 0.3 * period, can.Message(arbitration_id=0x701 + channel, data=b"\0", is_extended_id=False))
+                )
+                came[at - 1, 1 + channel] = False
+    steps: list[tuple[float, float]] = []
+    if happens("clock set", 0.25):
+        steps = [(float(sent_s[int(rng.integers(1, n))]) - 0.5 * period, float(rng.choice([-1, 1]) * 10.0 ** rng.uniform(0.0, 3.5)))]
+    due: list[tuple[float, can.Message | Exception | None]] = []
+    for k in range(n):
+        for j in range(1 + CHANNELS):
+            if not came[k, j]:
+                continue
+            at = float(sent_s[k]) + j * 1e-4 + late[k, j]
+            data, identifier = b"", 0x80
+            if j:
+                value = int(sent_truth[k, j - 1]) % 2**bits
+                identifier, data = fields[j - 1].identifier, value.to_bytes(fields[j - 1].bytes_needed, "little", signed=False)
+            due += [(at, can.Message(arbitration_id=identifier, data=data, is_extended_id=False))] * (1 + int(twice[k, j]))
+    if happens("junk", 0.2):
+        for _ in range(int(rng.integers(1, 200))):
+            junk = can.Message(arbitration_id=int(rng.integers(0x400, 0x580)), data=rng.bytes(int(rng.integers(9))), is_extended_id=False)
+            due.append((float(rng.uniform(0, n * period)), junk))
+    due += words
+    due.sort(key=lambda one: one[0])
+    for i, (moment, message) in enumerate(due):
+        assert isinstance(message, can.Message)
+        own = can.Message(
+            timestamp=BEGIN_S + moment + sum(size for when, size in steps if moment >= when),
+            arbitration_id=message.arbitration_id, data=message.data, is_extended_id=False, is_rx=True,
+        )  # fmt: skip
+        due[i] = moment, own
+    back_s = 0.0
+    if happens("bus off", 0.15):
+        begin = float(sent_s[int(rng.uniform(0.2, 0.8) * n)]) + 0.3 * period
+        end = begin + float(rng.uniform(0.1, 8.0) if rng.random() < 0.7 else rng.uniform(31.0, 90.0))
+        inside = np.array([begin <= at < end for at, _ in due])
+        came &= ~((sent_s >= begin - period) & (sent_s < end + period))[:, None]
+        due = [one for one, out in zip(due, inside, strict=True) if not out]
+        place = sum(at < begin for at, _ in due)
+        due[place:place] = [(begin, can.CanOperationError("bus off"))]
+        back_s = end
+    intact = came.all(axis=1) & (late == 0.0).all(axis=1)
+    around = intact & np.roll(intact, 1) & np.roll(intact, -1)
+    around[[0, -1]] = intact[[0, -1]]
+    disk: dict[int, str] = {}
+    if happens("disk", 0.4):
+        answer = str(rng.choice(["full", "part", "error", "interrupted", "killed", "killed"]))
+        number = int(rng.integers(1, 60 + 4 * n))
+        disk = {number: answer} if answer != "full" else {-number: "", 0: "full"}
+        faults[-1] = f"disk: {answer}"
+    return World(
+        seed,
+        period,
+        bits,
+        truth,
+        due,
+        faults,
+        np.repeat(around[:, None], CHANNELS, axis=1),
+        first_lost,
+        bool(steps),
+        disk,
+        float(sent_s[-1]) + period + 3.0,
+        sent_s,
+        back_s,
+        int(rng.choice([10**9, 10**9, 10**9, 100])),
+    )
+
+
+class _Bus:
+    """A bus of python-can that the world feeds."""
+
+    def __init__(self, world: World) -> None:
+        self._world, self._empty = world, False
+        if world.now < world.back_s and world.now > 0.0 and world.position and isinstance(world.due[world.position - 1][1], Exception):
+            raise can.CanInitializationError("no bus")
+
+    def recv(self, timeout: float) -> can.Message | None:
+        """Return a frame that is due; None once where none is, then Idle."""
+        del timeout
+        try:
+            one = self._world.recv()
+        except Idle:
+            self._empty = not self._empty
+            if self._empty:
+                return None
+            raise
+        self._empty = False
+        return one
+
+    def shutdown(self) -> None:
+        """Close."""
+
+    def fileno(self) -> int:
+        """Have no number."""
+        raise OSError
+
+
+class _Event:
+    """An event whose waiting lets time pass."""
+
+    def __init__(self, world: World) -> None:
+        self._world, self._set = world, False
+
+    def is_set(self) -> bool:
+        """Return whether it happened."""
+        return self._set
+
+    def set(self) -> None:
+        """Let it happen."""
+        self._set = True
+
+    def wait(self, seconds: float) -> bool:
+        """Let time pass."""
+        self._world.now += seconds
+        return self._set
+
+
+class _Thread:
+    """A thread that runs when time moves."""
+
+    def __init__(self, world: World, target: Callable[[], None]) -> None:
+        def pump() -> None:
+            with contextlib.suppress(Idle):
+                target()
+
+        self._world, self._pump = world, pump
+
+    def start(self) -> None:
+        """Run from now on."""
+        self._world.pump = self._pump
+
+    def join(self) -> None:
+        """End."""
+        self._world.pump = lambda: None
+
+
+class _File(io.FileIO):
+    """A file whose operations the world counts."""
+
+    def __init__(self, world: World, folder: Path, path: Path, mode: str) -> None:
+        world.operation(folder)
+        super().__init__(path, mode)
+        self._world, self._folder = world, folder
+        world.opened.append(self)
+
+    def write(self, data: Any) -> int:
+        """Write, or fail."""
+        self._world.operation(self._folder, lambda k: self._part(bytes(data)[: min(k, len(data) - 1)]))
+        return super().write(bytes(data)[: self._world.short])
+
+    def _part(self, data: bytes) -> None:
+        super().write(data)
+
+
+@contextlib.contextmanager
+def simulated(world: World, folder: Path) -> Iterator[None]:
+    """Let the recorder live in a world."""
+    clock: Any = types.SimpleNamespace(monotonic=world.monotonic, time=world.time, sleep=world.sleep, perf_counter=world.monotonic)
+    threads: Any = types.SimpleNamespace(
+        Event=lambda: _Event(world),
+        Thread=lambda target, daemon: _Thread(world, target),
+        current_thread=lambda: None,
+        main_thread=lambda: 1,
+    )
+
+    class Today(datetime):
+        @classmethod
+        def now(cls, tz: tzinfo | None = None) -> "Today":
+            """Return the clock of the wall."""
+            return cls.fromtimestamp(BEGIN_S, tz or UTC) + timedelta(seconds=world.now)
+
+    usual_open, usual_replace = Path.open, os.replace
+
+    def opened(path: Path, mode: str = "r", buffering: int = -1, *args: Any, **more: Any) -> Any:
+        if not set(mode) & set("wxa") or not path.is_relative_to(folder):
+            return usual_open(path, mode, buffering, *args, **more)
+        if mode == "xb" and buffering == 0:
+            return _File(world, folder, path, "xb")
+        world.operation(folder)
+        return usual_open(path, mode, buffering, *args, **more)
+
+    def synced(number: int) -> None:
+        del number  # a disk that waits would be most of the time
+        world.operation(folder)
+
+    def replaced(old: Any, new: Any, **more: Any) -> None:
+        world.operation(folder)
+        usual_replace(old, new, **more)
+
+    with contextlib.ExitStack() as stack:
+        for name in PATCHED:
+            stack.enter_context(patch(f"{name}.time", clock))
+        for name in (PATCHED[0], PATCHED[2]):
+            stack.enter_context(patch(f"{name}.threading", threads))
+        stack.enter_context(patch("lmeasure.acquisition.recorder.datetime", Today))
+        stack.enter_context(patch.object(Path, "open", opened))
+        stack.enter_context(patch("os.fsync", synced))
+        stack.enter_context(patch("os.replace", replaced))
+        yield
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a world went: how the recording ended, its simulated seconds, a digest of its files, the faults drawn, and what was wrong."""
+
+    seed: int
+    ended: str
+    seconds: float
+    digest: str
+    faults: list[str]
+    samples: int
+    wrong: list[str]
+
+
+def lived(world: World, folder: Path) -> Outcome:
+    """Record the world into a folder, and judge the files."""
+    shutil.rmtree(folder, ignore_errors=True)
+    rig = rig_of(world.bits)
+    wrong: list[str] = []
+    ended, reported = "complete", None
+    handlers = signal.getsignal(signal.SIGINT)
+    with simulated(world, folder):
+        source = BusSource(lambda: _Bus(world), "socketcan:can0", patience_s=30.0)  # type: ignore[arg-type, return-value]
+        try:
+            reported = record(
+                rig, source, counter_fields(rig), folder, start=rigged_feed.HOME, each=lambda s: world.kept.append(s.recorded.copy()),
+                stop=lambda: world.now > world.stop_at_s,
+            )  # fmt: skip
+            ended = reported.ended
+        except Killed:
+            ended = "killed"
+        except LMeasureError as error:
+            ended = f"refused: {error}"
+    for one in world.opened:
+        one.close()
+    if signal.getsignal(signal.SIGINT) is not handlers:
+        wrong.append("a signal's handler is left")
+    if world.left is not None:
+        shutil.rmtree(folder, ignore_errors=True)
+        for name, data in world.left.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(data)
+    after = content(folder) if folder.exists() else {}
+    wrong += _judged(world, rig, folder, after, ended, reported is not None)
+    digest = hashlib.sha256(b"".join(name.encode() + data for name, data in sorted(after.items()) if ".part" not in name)).hexdigest()[:16]
+    return Outcome(world.seed, ended, world.now, digest, world.faults, sum(map(len, world.kept)), wrong)
+
+
+def _judged(world: World, rig: Rig, folder: Path, after: dict[str, bytes], ended: str, done: bool) -> Iterator[str]:
+    whole = {name: data for name, data in after.items() if ".part" not in name}
+    if ended != "killed" and len(whole) != len(after):
+        yield f"left: {sorted(set(after) - set(whole))}"
+    if ended.startswith("refused"):
+        if whole:
+            yield f"refused, and left {sorted(whole)}"
+        if not world.disk and "bus off" not in world.faults:
+            yield ended
+        return
+    if "run.toml" not in whole:
+        if ended != "killed" or world.kept:
+            yield "no run.toml"
+        return
+    for name in ("run.toml", "rig.toml"):
+        files.read_toml(folder / name)
+    entry = files.read_toml(folder / "run.toml")["recording"][0]
+    if entry["ended"] not in (("complete",) if ended == "complete" and not world.disk else ("complete", "early")):
+        yield f"run.toml says {entry['ended']}, it ended {ended}"
+    if ended != "complete" and entry["ended"] == "complete":
+        yield "run.toml says complete"
+    for name in ("pass1.csv", "pass1.log"):
+        if done and not whole[name].endswith(b"\n"):
+            yield f"{name} ends within a line"
+    if done and "sha256" in entry:
+        for name, stated in entry["sha256"].items():
+            if files.sha256(folder / name) != stated:
+                yield f"{name} is not what run.toml says"
+    kept = np.concatenate(world.kept) if world.kept else np.empty((0, CHANNELS))
+    try:
+        counts = read_counts(folder / "pass1.csv", torn=True)
+    except LMeasureError as error:
+        if len(kept):
+            yield f"unreadable: {error}"
+        return
+    if len(counts.time_s) < len(kept):
+        yield f"{len(kept) - len(counts.time_s)} samples were shown and are not in the file"
+    same = (counts.recorded[: len(kept)] == kept[: len(counts.time_s)]) | np.isnan(counts.recorded[: len(kept)])
+    if not same.all():
+        yield "samples are not as they were shown"
+    yield from _true(world, counts.time_s, counts.recorded, ended == "complete" and not world.disk)
+    yield from _again(world, rig, folder, counts.recorded, done)
+
+
+def _true(world: World, time_s: FloatArray, recorded: FloatArray, complete: bool) -> Iterator[str]:
+    """Compare each count with the truth by the number of the sample that channels 1 and 2 count."""
+    rows = np.where(np.isnan(recorded[:, 0]), (recorded[:, 1] - 7) / 5, recorded[:, 0] / 3)
+    known = np.isfinite(rows)
+    if not np.array_equal(rows[known], np.rint(rows[known])) or (known.any() and not 0 <= rows[known].min() <= rows[known].max() < world.n):
+        yield "counts that nobody sent"
+        return
+    if (np.diff(rows[known]) <= 0).any():
+        yield "samples twice, or in another order"
+    row = rows[known].astype(int)
+    off = recorded[known] - world.truth[row]
+    off[row[:, None] >= world.first_lost] = np.where(np.isnan(off), np.nan, np.inf)[row[:, None] >= world.first_lost]
+    if (np.abs(off) > 0).any():
+        at = np.argwhere(np.abs(off) > 0)[0]
+        yield f"channel {at[1] + 1}, sample {row[at[0]]}: a count off by {off[tuple(at)]}"
+    if len(row):
+        moved = (time_s[known] - time_s[known][0]) - (world.sent_s[row] - world.sent_s[row[0]])
+        allowed = SURE_S if world.clock_steps else 1e-3
+        if np.abs(moved).max() > allowed:
+            yield f"a time is off by {np.abs(moved).max():.3g} s"
+    if complete and len(row):
+        expected = np.flatnonzero(world.good[:, 0])
+        doubtful = np.abs(world.sent_s[:, None] - (time_s[~known] - time_s[0] + world.sent_s[row[0]])[None, :]) < 0.5 * world.period_s
+        if missing := np.setdiff1d(expected, [*row, *np.flatnonzero(doubtful.any(axis=1))]).tolist():
+            yield f"{len(missing)} whole samples are not there, the first {missing[0]}"
+        if not world.faults and np.isnan(recorded).any():
+            yield "empty cells without a fault"
+        lost = ("encoder starts again", "lost", "silent channel", "bus off", "late", "pause")
+        if not set(lost) & set(world.faults) and np.isnan(recorded).any():
+            yield f"empty cells with {world.faults}"
+
+
+def _again(world: World, rig: Rig, folder: Path, recorded: FloatArray, done: bool) -> Iterator[str]:
+    """Import the frames that were kept: they give the same counts."""
+    try:
+        again = import_logs([folder / "pass1.log"], rig, None).run.passes[0].recorded
+    except LMeasureError as error:
+        if not np.isnan(recorded).all(axis=0).any():  # an import refuses a channel without a count
+            yield f"the log cannot be imported: {error}"
+        return
+    if len(again) < len(recorded) or (done and not world.disk and len(again) != len(recorded)):
+        yield f"the log gives {len(again)} samples, the recording {len(recorded)}"
+    n = min(len(again), len(recorded))
+    differ = ~((again[:n] == recorded[:n]) | (np.isnan(again[:n]) & np.isnan(recorded[:n])))
+    if world.disk or world.faults:  # the end is another, and so is what it shows of earlier samples
+        differ &= ~np.isnan(again[:n]) & ~np.isnan(recorded[:n])
+    if differ.any():
+        yield f"the log gives other counts at {np.argwhere(differ)[0].tolist()}"
+    if done:
+        run: Run = read_run(folder)
+        if len(run.passes[0].time_s) != len(recorded):
+            yield "the run cannot be read as it was written"
