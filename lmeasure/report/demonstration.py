@@ -10,6 +10,9 @@ from markupsafe import Markup
 from lmeasure.report import figures, html
 from lmeasure.text import Message, Say
 
+HEIGHT_PX = 440
+"""Of every picture: two are side by side on a wide screen."""
+
 
 class Part(NamedTuple):
     """A step of the demo: heading, sentence, picture, file beside the page to open, and the command that makes the same."""
@@ -28,7 +31,7 @@ def write_demo_page(path: Path, title: Message, verdict: Message, parts: Sequenc
         {
             "heading": part.heading.text(language),
             "sentence": part.sentence.text(language),
-            "plot": figures.figure(part.figure, f"picture-{number}", language),
+            "plot": figures.figure(part.figure.update_layout(height=HEIGHT_PX), f"picture-{number}", language),
             "link": part.link,
             "command": part.command,
         }

@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import html
+import itertools
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -205,3 +206,21 @@ def page(template: str, answer: Answer, say: Say, **values: Any) -> str:
 def write_page(path: Path, template: str, answer: Answer, say: Say, **values: Any) -> None:
     """Write a page, whole or not at all."""
     files.write_text(path, page(template, answer, say, **values))
+
+
+def blocks(lines: Iterable[str]) -> list[list[list[str]]]:
+    """Return the lines of a result as blocks of rows of cells: lines in columns one after the other are a table, any other is by itself.
+    A first row that begins farther right than the second names the columns behind the first."""
+    rows = [(line, re.split(r"\s{2,}", line.strip())) for text in lines for line in text.splitlines() if line.strip()]
+    out: list[list[list[str]]] = []
+    for columns, group in itertools.groupby(rows, key=lambda row: len(row[1]) > 1):
+        own = list(group)
+        cells = [row for _, row in own]
+        if columns and len(own) > 1 and _indent(own[0][0]) > _indent(own[1][0]) + 1:
+            cells[0] = ["", *cells[0]]
+        out += [cells] if columns else [[row] for row in cells]
+    return out
+
+
+def _indent(line: str) -> int:
+    return len(line) - len(line.lstrip())

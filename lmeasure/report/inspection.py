@@ -32,4 +32,13 @@ def write_inspection_page(path: Path, title: str, what: Message, *, lines: Seque
     shown = [line.text(language) if isinstance(line, Message) else line for line in lines]
     plot = Markup() if figure is None else figures.figure(figure, "picture", language)
     answer = html.Answer(title, what.text(language), "", (), "", (), Markup())
-    html.write_page(path, "inspection.html", answer, say, plot=plot, text="\n".join(shown))
+    indented = any(line.startswith(" ") for line in shown)
+    html.write_page(
+        path,
+        "inspection.html",
+        answer,
+        say,
+        plot=plot,
+        text="\n".join(map(str, shown)) if indented else "",
+        blocks=[] if indented else html.blocks(html.joined(line) for line in shown),
+    )

@@ -27,14 +27,14 @@ from starlette.staticfiles import StaticFiles
 
 from lmeasure.core import LMeasureError
 from lmeasure.io import not_written, os_reason
-from lmeasure.report import BASE_STYLE, kept
+from lmeasure.report import BASE_STYLE, blocks, kept
 from lmeasure.text import decimal, message, number, typed
 from lmeasure.workbench import api, certificates, pages, project_files, register, runs
 from lmeasure.workbench.answers import HERE, TEMPLATES, Bench, language_of, lost, refused, unread
 from lmeasure.workbench.guard import ON_LOOPBACK, Door, Guard, Site, secured
 from lmeasure.workbench.project import OWN
 from lmeasure.workbench.project_list import Shelf
-from lmeasure.workbench.text import blocks, said
+from lmeasure.workbench.text import said
 from lmeasure.workflows import COMMANDS, load
 
 GRACE_S = 3

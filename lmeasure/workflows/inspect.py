@@ -134,13 +134,13 @@ def _calibration(path: Path, progress: Progress) -> Content:
     record = read_calibration_record(path / "calibration.json")
     rms = float(record.noise["residual_rms_mm"])
     what = message("inspect.calibration", file=path, parameters=len(record.parameters), mm=rms)
-    lines = (*(f"{p.name}: {p.value:.6g}, u {p.u:.2g}" for p in record.parameters), *(f"{w.code}: {w.text}" for w in record.warnings))
+    lines = (*(f"{p.name}  {p.value:.6g}  u {p.u:.2g}" for p in record.parameters), *(w.text for w in record.warnings))
     return Content(what, record, lines, {"residual_rms_mm": rms}, "zone {folder}/rig.toml --out zone.nc")
 
 
 def _identification(path: Path, progress: Progress) -> Content:
     content = _document(path / "identified.json")
-    rows = [f"{p['name']}: {p['value']} {p.get('unit', '')}".rstrip() for p in content.get("parameters", ())]
+    rows = [f"{p['name']}  {p['value']} {p.get('unit', '')}".rstrip() for p in content.get("parameters", ())]
     what = message("inspect.identification", file=path, parameters=len(rows))
     return Content(what, None, tuple(rows), {}, "correct program.csv --identified {folder} --out corrected")
 

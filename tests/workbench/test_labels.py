@@ -4,10 +4,11 @@ import re
 from pathlib import Path
 
 from lmeasure import workbench
+from lmeasure.report import blocks
 from lmeasure.text import texts
 from lmeasure.workbench import forms
 from lmeasure.workbench.project import _BY_SCHEMA, Project
-from lmeasure.workbench.text import blocks, said
+from lmeasure.workbench.text import said
 from lmeasure.workflows import COMMANDS, load, options_of
 
 HERE = Path(workbench.__file__).parent
