@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+import scipy
 from pydantic import Field, model_validator
-from scipy.optimize import differential_evolution, minimize
 from scipy.spatial.transform import Rotation
-from scipy.stats import qmc
 
 from lmeasure.accuracy.scan import digest_of, run
 from lmeasure.accuracy.zone import assumed_in_zone, axis, dimension_variance, make_plan, tilts
@@ -303,12 +302,12 @@ def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None 
     results = []
     for number, stream in enumerate(np.random.SeedSequence(seed).spawn(ROUNDS)):
         random = np.random.default_rng(stream)
-        sample = qmc.scale(qmc.Sobol(len(bounds), rng=random).random_base2(SAMPLE_BITS), *np.transpose(bounds))
+        sample = scipy.stats.qmc.scale(scipy.stats.qmc.Sobol(len(bounds), rng=random).random_base2(SAMPLE_BITS), *np.transpose(bounds))
         population = sample[np.argsort(search.worth(sample))[:POPULATION]]
         if number == 0:
             population[-1] = start
         results.append(
-            differential_evolution(
+            scipy.optimize.differential_evolution(
                 lambda x: search.worth(np.ascontiguousarray(x.T)),
                 bounds,
                 maxiter=generations,
@@ -343,14 +342,14 @@ def mounting_draws(search: Search, seed: int) -> FloatArray:
     tolerance = search.wanted.tolerance_mm
     if tolerance == 0.0:
         return np.zeros((0, len(search.low)))
-    corners = qmc.Sobol(len(search.low), rng=np.random.default_rng(seed + 1)).random_base2(ROBUST_BITS)
+    corners = scipy.stats.qmc.Sobol(len(search.low), rng=np.random.default_rng(seed + 1)).random_base2(ROBUST_BITS)
     return np.where(np.repeat(search.mounted, 3), tolerance * np.sign(corners - 0.5), 0.0)
 
 
 def _local(search: Search, x: FloatArray, draws: FloatArray) -> FloatArray:
     """Powell's directions within the boxes, on the worst within the mounting tolerance."""
     bounds = [(low, max(high, low + 1e-9)) for low, high in zip(search.low, search.high, strict=True)]
-    found = minimize(
+    found = scipy.optimize.minimize(
         lambda y: search.around(np.asarray(y), draws),
         x,
         method="Powell",

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 from scipy.spatial.transform import Rotation
 
 from lmeasure.accuracy.scan import run
@@ -83,8 +83,8 @@ def _to_edge(zone: "xr.Dataset", points: FloatArray) -> FloatArray:
     inside = zone["in_zone"].values.astype(bool)
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     if (~inside).any():
-        distance = np.minimum(distance, cKDTree(nodes[~inside]).query(points)[0])
-    nearest = cKDTree(nodes.reshape(-1, 3)).query(points)[1]
+        distance = np.minimum(distance, scipy.spatial.cKDTree(nodes[~inside]).query(points)[0])
+    nearest = scipy.spatial.cKDTree(nodes.reshape(-1, 3)).query(points)[1]
     return np.where(inside.ravel()[nearest], np.maximum(distance, 0.0), 0.0)
 
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import ndimage
-from scipy.ndimage import binary_erosion, distance_transform_edt
+import scipy
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import AccuracyError, BoolArray, FloatArray, IntArray, StructureError
@@ -42,7 +41,7 @@ def extent(zone: "xr.Dataset") -> Extent:
     axes = [zone[name].values for name in "xyz"]
     spacing = np.array(zone.attrs["node_spacing_mm"], dtype=np.float64)
     cell = float(np.prod(spacing))
-    edge = inside & ~binary_erosion(inside, border_value=1)
+    edge = inside & ~scipy.ndimage.binary_erosion(inside, border_value=1)
     box = _largest_box(inside, spacing, cube=False)
     cube = _largest_box(inside, spacing, cube=True)
     return Extent(
@@ -69,7 +68,7 @@ def _largest_ball(inside: BoolArray, axes: list[FloatArray], spacing: FloatArray
     if not inside.any() or not (spacing > 0).all():
         return None
     # what was not scanned is not in the zone: one layer outside
-    distance = distance_transform_edt(np.pad(inside, 1), sampling=spacing)[1:-1, 1:-1, 1:-1] - 0.0
+    distance = scipy.ndimage.distance_transform_edt(np.pad(inside, 1), sampling=spacing)[1:-1, 1:-1, 1:-1] - 0.0
     best = np.unravel_index(int(np.argmax(distance)), inside.shape)
     centre = _at(axes, np.array(best))
     # the nearest bad node may lie a whole step away from the edge; a good radius ends one step before it
@@ -222,7 +221,7 @@ def edges(
 
 def _parts(nodes: BoolArray) -> list[BoolArray]:
     """The connected parts of the nodes of a level."""
-    labels, count = ndimage.label(nodes)
+    labels, count = scipy.ndimage.label(nodes)
     return [labels == i + 1 for i in range(count)]
 
 

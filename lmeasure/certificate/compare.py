@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from lmeasure.certificate.recompute import label, with_u95
 from lmeasure.core import CertificationError, FloatArray, LMeasureError

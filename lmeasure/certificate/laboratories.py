@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from lmeasure.certificate.bundle import CERTIFICATE
 from lmeasure.certificate.dcc import DccResult, read_dcc

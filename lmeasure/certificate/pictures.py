@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from lmeasure.core import FloatArray
 from lmeasure.iso9283 import Evaluation
@@ -61,7 +61,7 @@ def prediction_ellipse(points: FloatArray, corners: int = 73) -> FloatArray | No
     n = len(points)
     if n < 4:
         return None
-    size = 2.0 * (n + 1) * (n - 1) / (n * (n - 2)) * scipy.stats.f.ppf(COVERAGE, 2, n - 2)
+    size = 2.0 * (n + 1) * (n - 1) / (n * (n - 2)) * scipy.special.fdtri(2, n - 2, COVERAGE)
     values, vectors = np.linalg.eigh(np.cov(points.T))
     turn = np.linspace(0.0, 2.0 * np.pi, corners)
     circle = np.column_stack([np.cos(turn), np.sin(turn)])

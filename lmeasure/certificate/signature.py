@@ -24,8 +24,12 @@ def canonical(value: Any) -> bytes:
 
     CertificationError names the place of a number that is not finite.
     """
-    _only_finite(value, "")
-    return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode("utf-8", "backslashreplace")
+    try:
+        text = json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False)
+    except ValueError:
+        _only_finite(value, "")
+        raise
+    return f"{text}\n".encode("utf-8", "backslashreplace")
 
 
 def digest(value: Any) -> str:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from lmeasure.core import FloatArray, IntArray
 from lmeasure.estimation.fit_result import Fit

@@ -10,7 +10,7 @@ Observations and Least Squares, 1976, ch. 9).
 """
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from lmeasure.core import CalibrationError, FloatArray, IntArray
 from lmeasure.estimation.fit_result import Fit, gains, untaken

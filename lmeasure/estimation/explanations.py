@@ -14,9 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-import scipy.linalg
-import scipy.optimize
-import scipy.stats
+import scipy
 
 from lmeasure.core import FloatArray
 from lmeasure.estimation.fit_result import Fit

@@ -9,10 +9,7 @@ to act everywhere).
 from dataclasses import replace
 
 import numpy as np
-import scipy.linalg
-import scipy.optimize
-import scipy.stats
-from scipy.stats import qmc
+import scipy
 
 from lmeasure.core import BoolArray, FloatArray
 from lmeasure.estimation import elimination
@@ -57,7 +54,7 @@ def fit_from_starts(problem: Problem, start: FloatArray, starts: int = 32, *, se
     Other starts lie about the nominal values, by turns within 1, 0.1, 0.01 and 0.001 of the priors' widths.
     """
     best = fit(problem, start)
-    normal = scipy.stats.norm.ppf(0.001 + 0.998 * qmc.Sobol(len(start), rng=seed).random(starts))
+    normal = scipy.stats.norm.ppf(0.001 + 0.998 * scipy.stats.qmc.Sobol(len(start), rng=seed).random(starts))
     for i, z in enumerate(normal):
         if not _plateau(best):
             break

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from lmeasure.core import FloatArray
 

@@ -18,8 +18,7 @@ from functools import cache
 from typing import TypeVar
 
 import numpy as np
-import scipy.integrate
-import scipy.stats
+import scipy
 
 from lmeasure.core import FloatArray, IntArray
 from lmeasure.estimation.deletion import Deletion

@@ -10,7 +10,7 @@ be many times as large. The posterior of x_g = log s_g is drawn by Metropolis st
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from lmeasure.core import FloatArray
 

@@ -186,8 +186,9 @@ class Table:
         return [*texts, ""], codes
 
 
-def decoded_bytes(path: Path) -> int:
-    """Return the bytes that the numbers and texts of a .parquet file take in memory; FileFormatError for any other file.
+def decoded_bytes(path: Path, only: Sequence[str] | None = None) -> int:
+    """Return the bytes that the numbers of a .parquet file, and the texts of all or some columns, take in memory; FileFormatError for any
+    other file.
 
     A few bytes of such a file may stand for millions of equal values. Numbers are counted by what the file says of itself, texts by their
     own lengths.
@@ -196,6 +197,7 @@ def decoded_bytes(path: Path) -> int:
     try:
         with open_regular(path) as raw, pa.parquet.ParquetFile(raw, pre_buffer=False) as file:
             bound, texts = _stated_bytes(path, file)
+            texts = [name for name in texts if only is None or name in only]
         if bound > LARGEST_BYTES or not texts:
             return bound
         with open_regular(path) as raw, pa.parquet.ParquetFile(raw, pre_buffer=False, read_dictionary=texts) as file:
@@ -257,10 +259,10 @@ def read_table(path: Path, *, torn: bool = False, only: Sequence[str] | None = N
         raw = raw[: raw.rfind(b"\n") + 1]
     try:
         if suffix == ".parquet":
-            if (size := decoded_bytes(path)) > LARGEST_BYTES:
+            if (size := decoded_bytes(path, only)) > LARGEST_BYTES:
                 raise FileFormatError(message("error.cannot_be_read_its", where=path, size=size, largest_bytes=LARGEST_BYTES))
-            data = pa.parquet.read_table(pa.BufferReader(raw), columns=None if only is None else list(only))
-            metadata = pa.parquet.read_metadata(pa.BufferReader(raw)).metadata
+            file = pa.parquet.ParquetFile(pa.BufferReader(raw))
+            data, metadata = file.read(None if only is None else list(only)), file.metadata.metadata
         elif suffix == ".csv":
             if not raw or raw.isspace():
                 raise FileFormatError(message("error.is_empty", where=path))
@@ -370,9 +372,9 @@ def _as_floats(chunk: pa.Array) -> pa.Array:
     """Return the cells as floats. Integers that all floats hold exactly are converted without pyarrow's own functions, which take long to
     load."""
     if pa.types.is_int64(chunk.type) and not chunk.null_count:
-        values = chunk.to_numpy()
+        values = np.frombuffer(chunk.buffers()[1] or b"", np.int64)[chunk.offset : chunk.offset + len(chunk)]
         if not len(values) or -EXACT <= values.min() <= values.max() <= EXACT:
-            return pa.array(values.astype(np.float64))
+            return pa.Array.from_buffers(pa.float64(), len(values), [None, pa.py_buffer(values.astype(np.float64))])
     return chunk.cast(pa.float64())
 
 

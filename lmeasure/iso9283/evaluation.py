@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr
+import scipy
 
 from lmeasure.accuracy import exact_radius_95
 from lmeasure.core import CertificationError, DataFrame, FloatArray, IntArray, Shown, framed
@@ -59,7 +59,7 @@ def conformity(value: float, u95: float, tolerance: Tolerance, rule: Rule) -> Co
     else:
         verdict = "not decided"
     u = max(u95 / NORMAL_95, 1e-300)
-    probability = float(ndtr((upper - value) / u) - ndtr((lower - value) / u))
+    probability = float(scipy.special.ndtr((upper - value) / u) - scipy.special.ndtr((lower - value) / u))
     return Conformity(tolerance.lower, tolerance.upper, rule, verdict, probability)
 
 

@@ -11,9 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import binary_dilation
-from scipy.signal import savgol_filter
+import scipy
 
 from lmeasure.core import BoolArray, CertificationError, FloatArray, IntArray, se3
 from lmeasure.iso9283.characteristic import Characteristic, CharacteristicKey, Contribution
@@ -71,7 +69,7 @@ class Stretch:
             turn = se3.rotation(self.poses)
             to[:, :3] = (turn * turn[int(place[0])].inv()).as_rotvec()
         to[:, 3:] = self.poses[:, :3]
-        smooth = savgol_filter(to, SMOOTHED, DEGREE, axis=0) if len(to) >= SMOOTHED else to
+        smooth = scipy.signal.savgol_filter(to, SMOOTHED, DEGREE, axis=0) if len(to) >= SMOOTHED else to
         return np.asarray(smooth - smooth[place].mean(axis=0))
 
     def finer(self, limit_mm: float) -> "Finer":
@@ -94,7 +92,7 @@ class Finer:
     def read(self, values: FloatArray, every: int = 1) -> FloatArray:
         """(K, ...) what values (k, ...) at the samples are there, by the spline through all of them or every other one."""
         chosen = np.union1d(np.arange(0, len(values), every), [len(values) - 1])
-        return np.asarray(CubicSpline(self.samples_s[chosen], values[chosen])(self.time_s))
+        return np.asarray(scipy.interpolate.CubicSpline(self.samples_s[chosen], values[chosen])(self.time_s))
 
     def near(self, sizes: Sequence[FloatArray], limit_mm: float, reach_mm: float, *, largest: bool) -> IntArray:
         """(F,) those at which errors of a reach may bring sizes (K,) to the other side of a limit - largest: or above the largest behind
@@ -106,7 +104,7 @@ class Finer:
             if largest:
                 entered = int(np.argmin(outside))
                 close[entered:] |= size[entered:] >= size[entered:].max() - reach_mm
-            near |= binary_dilation(close, iterations=self.pieces)
+            near |= scipy.ndimage.binary_dilation(close, iterations=self.pieces)
         return np.flatnonzero(near)
 
     def errors(self, points: IntArray, of_samples: Callable[[IntArray], FloatArray]) -> FloatArray:
@@ -114,9 +112,11 @@ class Finer:
         step = np.minimum(points // self.pieces, len(self.samples_s) - 2)
         used = np.zeros(len(self.samples_s), np.bool_)
         used[step] = used[step + 1] = True
-        ends = np.flatnonzero(np.diff(binary_dilation(used, iterations=MARGIN), prepend=False, append=False))
+        ends = np.flatnonzero(np.diff(scipy.ndimage.binary_dilation(used, iterations=MARGIN), prepend=False, append=False))
         parts = [
-            CubicSpline(self.samples_s[a:b], of_samples(np.arange(a, b)), axis=1)(self.time_s[points[(step >= a) & (step < b)]])
+            scipy.interpolate.CubicSpline(self.samples_s[a:b], of_samples(np.arange(a, b)), axis=1)(
+                self.time_s[points[(step >= a) & (step < b)]]
+            )
             for a, b in ends.reshape(-1, 2)
         ]
         return np.concatenate(parts, axis=1)

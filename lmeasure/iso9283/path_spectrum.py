@@ -7,9 +7,7 @@ under Order Restrictions, 1972), and every wave made as large as that: the estim
 """
 
 import numpy as np
-from scipy.fft import dct
-from scipy.linalg import block_diag
-from scipy.optimize import isotonic_regression
+import scipy
 
 from lmeasure.core import FloatArray, IntArray
 
@@ -21,7 +19,7 @@ def cosines(stretch: IntArray) -> FloatArray:
     """(q, q) orthonormal rows by rising frequency: cosines along each stretch of a path between corners, where deviations may jump;
     stretch (q,): number of that in which each place stands."""
     sizes = np.unique(stretch, return_counts=True)[1]
-    rows = block_diag(*(dct(np.eye(k), axis=0, norm="ortho") for k in sizes))
+    rows = scipy.linalg.block_diag(*(scipy.fft.dct(np.eye(k), axis=0, norm="ortho") for k in sizes))
     frequency = np.concatenate([np.arange(k) / k for k in sizes])
     return np.asarray(rows[np.argsort(frequency, kind="stable")])
 
@@ -40,7 +38,7 @@ def reduced(waves: FloatArray, added: FloatArray, freedom: int, doubt: float) ->
         if not unknown.any():
             continue
         of_errors = added[unknown, i]
-        fitted = isotonic_regression(power[unknown, i] - of_errors, weights=of_errors**-2.0, increasing=False)
+        fitted = scipy.optimize.isotonic_regression(power[unknown, i] - of_errors, weights=of_errors**-2.0, increasing=False)
         sizes = np.diff(fitted.blocks)
         mean = np.repeat(np.add.reduceat(of_errors, fitted.blocks[:-1]) / sizes, sizes)
         true = np.maximum(fitted.x, 0.0)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator, CubicSpline
+import scipy
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import BoolArray, CertificationError, FloatArray, IntArray, lagrange
@@ -66,7 +66,11 @@ def finer(values: FloatArray, *, kinks: bool) -> FloatArray:
     """(..., FINER (k - 1) + 1, c) what values (..., k, c) at even steps are between them: by the cubic spline, or where there may be kinks
     by cubics that hardly swing there (modified Akima)."""
     steps = np.arange(values.shape[-2])
-    curve = Akima1DInterpolator(steps, values, axis=-2, method="makima") if kinks else CubicSpline(steps, values, axis=-2)
+    curve = (
+        scipy.interpolate.Akima1DInterpolator(steps, values, axis=-2, method="makima")
+        if kinks
+        else scipy.interpolate.CubicSpline(steps, values, axis=-2)
+    )
     return np.asarray(curve(np.arange(FINER * steps[-1] + 1) / FINER))
 
 

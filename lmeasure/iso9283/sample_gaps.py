@@ -31,7 +31,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import maximum_filter, maximum_filter1d
+import scipy
 
 from lmeasure.core import FloatArray, IntArray, lagrange
 from lmeasure.text import message
@@ -142,7 +142,7 @@ def _steps(time_s: FloatArray, positions: FloatArray) -> Steps:
     noise[2:-2] = (weights**2).sum(axis=1)
     late[2:-2] = (moving @ np.swapaxes(moving, 2, 3)).sum(axis=1)
     about = np.clip(np.arange(k - 1)[:, None] + np.arange(-1, 3), 0, k - 1)
-    return Steps(apex, where, off[about], noise[about], late[about], maximum_filter1d(np.maximum(one, other), 3))
+    return Steps(apex, where, off[about], noise[about], late[about], scipy.ndimage.maximum_filter1d(np.maximum(one, other), 3))
 
 
 def joined(cycles: Sequence[Between]) -> Between:
@@ -203,7 +203,7 @@ class Chords:
         length = np.linalg.norm(steps, axis=1)
         part = np.clip(-(positions[:-1] * steps).sum(axis=1) / np.maximum(length**2, 1e-300), 0.0, 1.0)
         distance = np.linalg.norm(positions[:-1] + part[:, None] * steps, axis=1)
-        pace = maximum_filter(length / lasts, footprint=[True] * 3 + [False] + [True] * 3, mode="nearest")
+        pace = scipy.ndimage.maximum_filter(length / lasts, footprint=[True] * 3 + [False] + [True] * 3, mode="nearest")
         return cls(distance, length, lasts, np.asarray(pace))
 
     def passes(self, noise_mm: float, u_time_s: float, *, outside: bool) -> tuple[float, float]:

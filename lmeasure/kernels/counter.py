@@ -17,7 +17,7 @@ UNSURE_AT, BELIEVED_AT = _UNSURE, _BELIEVED
 """Where a state has whether its counter is unsure, and the largest rate [1/s] that the motion itself makes believe of it, 0 for the one
 that bounds it."""
 AT_ONCE = 2**16
-"""Longer recordings are worth compiling, and would take several times their own memory."""
+"""Counts that are looked at together: more would take several times their own memory."""
 PAUSE = 2.5
 """Usual intervals: what is no longer is no pause."""
 
@@ -91,8 +91,15 @@ def _followed(
     recorded: FloatArray, time_s: FloatArray, max_rate: float, full: float, state: FloatArray, least_s: float
 ) -> tuple[FloatArray, IntArray] | None:
     """Return the counts and codes of `resume_counting` for counts to which nothing happens, else None."""
+    if len(recorded) > AT_ONCE:
+        own, parts = state.copy(), range(0, len(recorded), AT_ONCE)
+        found = [_followed(recorded[i : i + AT_ONCE], time_s[i : i + AT_ONCE], max_rate, full, own, least_s) for i in parts]
+        if any(part is None for part in found):
+            return None
+        state[:] = own
+        return np.concatenate([part[0] for part in found if part]), np.full(len(recorded), FOLLOWED)
     any_before, count, seen, seen_s = state[: _SEEN_TIME + 1].tolist()
-    if not 0 < len(recorded) <= AT_ONCE or state[[_LOST, _UNSURE, _BELIEVED]].any() or not np.isfinite(recorded).all():
+    if len(recorded) == 0 or state[[_LOST, _UNSURE, _BELIEVED]].any() or not np.isfinite(recorded).all():
         return None
     if full > 0.0 and not ((recorded >= -0.5 * full) & (recorded < 0.5 * full)).all():
         return None

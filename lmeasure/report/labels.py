@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
-from scipy.spatial.distance import cdist
+import scipy
 
 from lmeasure.core import FloatArray
 
@@ -55,7 +55,9 @@ def _sides(at: FloatArray, texts: list[str], obstacles: FloatArray, reach: float
         middles = place + reach * np.array(list(SIDES.values()))
         # its own marker is as near on every side
         others = obstacles[np.hypot(*(obstacles - place).T) > 1e-3 * reach]
-        room = cdist(middles / WIDE, others / WIDE, "chebyshev").min(axis=1) if len(others) else np.ones(len(middles))
+        room = (
+            scipy.spatial.distance.cdist(middles / WIDE, others / WIDE, "chebyshev").min(axis=1) if len(others) else np.ones(len(middles))
+        )
         room = np.minimum(room, reach)
         best = int(np.argmax(room)) if text and np.isfinite(room).all() else 0
         sides.append(list(SIDES)[best])

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import plotly.graph_objects as go
+import scipy
 from markupsafe import Markup
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
 from lmeasure.accuracy import REASONS, ellipsoids
 from lmeasure.core import FloatArray
@@ -27,7 +27,7 @@ MOST_ALONG = 61
 MOST_LEVELS = 41
 ASKED = 1 << REASONS.index("pressure_angle") | 1 << REASONS.index("u95_position")
 """Reasons that the sliders decide anew; all others stay as they were asked for."""
-RADIUS = float(np.sqrt(chi2.ppf(0.95, 3)))
+RADIUS = float(np.sqrt(2.0 * scipy.special.gammaincinv(1.5, 0.95)))
 """Of the ellipsoid that holds 95 %, in standard deviations."""
 
 

@@ -15,7 +15,7 @@ variance B + s^2/n. The noise of readings must be independent: readings taken fa
 import math
 
 import numpy as np
-import scipy.optimize
+import scipy
 
 from lmeasure.core import FloatArray
 

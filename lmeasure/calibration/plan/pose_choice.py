@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from lmeasure.calibration.campaign.campaign import Campaign, extended
 from lmeasure.calibration.plan.candidates import Candidates, candidates
@@ -197,7 +197,7 @@ def lengths_over(instrument: Instrument, zone: Region, log2: int, seed: int) -> 
     cables = tuple(c for c in instrument.rig.cable if c.from_point in points)
     kernel_rows = instrument.rig.cable_rows(cables)
     start = zone.centre[None, :]
-    unit = qmc.Sobol(6, scramble=True, rng=np.random.default_rng([seed, log2])).random_base2(log2)
+    unit = scipy.stats.qmc.Sobol(6, scramble=True, rng=np.random.default_rng([seed, log2])).random_base2(log2)
     out = []
     for rows in (zone.rows(np.where(zone.active, unit, 0.5)), zone.rows(zone.corners())):
         rows = rows[np.isfinite(span_lengths(kernel_rows, rows)).all(axis=1)]

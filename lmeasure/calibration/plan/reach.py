@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from itertools import combinations, permutations, product
 
 import numpy as np
+import scipy
 from scipy.spatial.transform import Rotation
-from scipy.stats import qmc
 
 from lmeasure.core import BoolArray, CalibrationError, FloatArray, conventions, se3
 from lmeasure.kernels import BASE_XYZ, GUIDE_XYZ, RADIUS, counts_from_changes, least_clearances, span_lengths, wrap_geometry
@@ -78,7 +78,7 @@ class Region:
 
     def candidates(self, log2: int, rng: np.random.Generator) -> FloatArray:
         """(2^log2, 6) scrambled Sobol coordinates, stretched so that many lie on the edges."""
-        unit = qmc.Sobol(6, scramble=True, rng=rng).random_base2(log2)
+        unit = scipy.stats.qmc.Sobol(6, scramble=True, rng=rng).random_base2(log2)
         unit = np.clip(0.5 + TO_THE_EDGE * (unit - 0.5), 0.0, 1.0)
         return np.where(self.active, unit, 0.5)
 

@@ -26,8 +26,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.optimize
-import scipy.stats
+import scipy
 
 from lmeasure.calibration.solve.frame import model_of
 from lmeasure.calibration.solve.unknowns import Model

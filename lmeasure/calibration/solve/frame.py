@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration.campaign.campaign import Campaign

@@ -9,7 +9,7 @@ hold the frame, and no motion is free.
 """
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.calibration.solve.frame import model_of

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.core import BoolArray, FloatArray
@@ -67,7 +67,7 @@ def search_point(data: PointData, boxes: list[Box], seed: int, log2: int = CANDI
     """
     known = (data.radius, data.points, data.changes, data.zeroed)
     for number, box in enumerate(boxes):
-        unit = qmc.Sobol(5, scramble=True, rng=np.random.default_rng([seed, number])).random_base2(log2)
+        unit = scipy.stats.qmc.Sobol(5, scramble=True, rng=np.random.default_rng([seed, number])).random_base2(log2)
         # in place: the pages of a fresh array cost as much as the numbers in it
         unit *= 2 * box.half
         unit += box.centre - box.half

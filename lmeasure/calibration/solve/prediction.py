@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.core import FloatArray
@@ -30,7 +30,7 @@ class Prediction:
 def workspace(campaign: Campaign, seed: int) -> FloatArray:
     """(n, 7) poses spread over the box of the reference poses (Sobol), each with the orientation of one of them."""
     rows = campaign.poses.rows
-    unit = qmc.Sobol(4, scramble=True, rng=np.random.default_rng([seed, 3])).random_base2(SAMPLES_LOG2)
+    unit = scipy.stats.qmc.Sobol(4, scramble=True, rng=np.random.default_rng([seed, 3])).random_base2(SAMPLES_LOG2)
     low, high = rows[:, :3].min(axis=0), rows[:, :3].max(axis=0)
     which = (unit[:, 3] * len(rows)).astype(np.int64)
     return np.column_stack([low + unit[:, :3] * (high - low), rows[which, 3:]])

@@ -19,9 +19,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-import scipy.optimize
-import scipy.stats
-from scipy.stats import qmc
+import scipy
 
 from lmeasure.calibration.campaign.campaign import Campaign, all_visits, with_counts_of, without_poses
 from lmeasure.calibration.campaign.known_lengths import with_distances
@@ -151,7 +149,7 @@ def position_range(model: Model, point: str, theta: FloatArray, seed: int) -> Ra
     held = [i for i in own if i not in place]
     if not held or len(place) != 3:
         return None
-    unit = qmc.Sobol(len(held), scramble=True, rng=np.random.default_rng([seed, 7])).random_base2(SAMPLES_LOG2)
+    unit = scipy.stats.qmc.Sobol(len(held), scramble=True, rng=np.random.default_rng([seed, 7])).random_base2(SAMPLES_LOG2)
     found = [theta[place]] if np.abs(model.residuals(theta)).max() < FITS_MM else []
     for sample in unit:
         fixed = theta.copy()

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import scipy.optimize
+import scipy
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 

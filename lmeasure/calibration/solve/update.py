@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.calibration.solve.frame import model_of

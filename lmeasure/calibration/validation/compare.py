@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from lmeasure.calibration.solve.prediction import workspace
 from lmeasure.calibration.solve.solve import Calibration

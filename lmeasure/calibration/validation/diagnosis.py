@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.calibration.solve.unknowns import Model

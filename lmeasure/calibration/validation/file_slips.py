@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-import scipy.optimize
+import scipy
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration.campaign.campaign import Campaign

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.calibration.validation.diagnosis import GROSS_MM, residual_rms

@@ -10,8 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.fft import dct, idct
-from scipy.stats import norm
+import scipy
 
 from lmeasure.core import CertificationError, FloatArray, IntArray
 from lmeasure.iso9283.attainment import Attainment
@@ -284,11 +283,11 @@ def _likely(beyond: FloatArray, random: float, common: float) -> FloatArray:
     near = np.flatnonzero(beyond >= -INSIDE * np.sqrt(random + common))
     if len(near):
         part = slice(int(near[0]), int(near[-1]) + 1)
-        waves = dct(beyond[part], norm="ortho")[:, None, None]
+        waves = scipy.fft.dct(beyond[part], norm="ortho")[:, None, None]
         added = np.full((len(waves), 1), random)
         added[0] += len(waves) * common
-        of_errors = np.sqrt(random) * norm.isf(CHANCE / len(waves)) + np.sqrt(common) * norm.isf(CHANCE)
-        likely = np.asarray(idct(less(waves, added, 1, DOUBT_OF_MEAN)[:, 0, 0], norm="ortho"))
+        of_errors = np.sqrt(random) * scipy.stats.norm.isf(CHANCE / len(waves)) + np.sqrt(common) * scipy.stats.norm.isf(CHANCE)
+        likely = np.asarray(scipy.fft.idct(less(waves, added, 1, DOUBT_OF_MEAN)[:, 0, 0], norm="ortho"))
         if beyond.max() <= of_errors:
             likely[likely >= -np.sqrt(random + common)] = 0.0
         beyond[part] = likely

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import BoolArray, CertificationError, FloatArray, IntArray
@@ -190,7 +190,7 @@ def _assigned(found: _Rests, expected: _Expected, commands: Path, every: Sequenc
 
     The pace is found from a first assignment without durations. CertificationError names the first command without a rest.
     """
-    apart = cdist(expected.places, found.places)
+    apart = scipy.spatial.distance.cdist(expected.places, found.places)
     near = apart <= FARTHEST_MM
     miss = float(np.median(apart.min(axis=1))) if apart.size else 0.0
     miss = min(miss, FARTHEST_MM)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from lmeasure.calibration import Distance
 from lmeasure.core import DataFrame, FileFormatError, FloatArray, Shown, framed

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from lmeasure.accuracy import radii_95
 from lmeasure.calibration import Distance

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from lmeasure.calibration import CHANCE, MOST, NEAR, Campaign, Effect, Model, effects, size_of, spread, tested, unknowns_of
 from lmeasure.core import FloatArray

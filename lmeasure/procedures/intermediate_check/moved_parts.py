@@ -13,9 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
-import scipy.optimize
-import scipy.stats
+import scipy
 
 from lmeasure.core import FloatArray
 from lmeasure.estimation import Remainder

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
+import scipy
 
 from lmeasure.core import QUATERNION_COLUMNS, FloatArray, IntArray, TrajectoryError, se3
 from lmeasure.io import files
@@ -77,7 +77,7 @@ class Motion:
         u = float(self.u_speed_mm_s[top])
         near = speed >= speed[top] - NEAR * u
         windows = max(1.0, float(np.diff(self.time_s, prepend=self.time_s[0])[near].sum()) / self.half_width_s)
-        return float(speed[top]), float(-ndtri(0.5 * (1.0 - COVERAGE) / windows) * u)
+        return float(speed[top]), float(-scipy.special.ndtri(0.5 * (1.0 - COVERAGE) / windows) * u)
 
     def columns(self) -> dict[str, Any]:
         """Columns of a motion file; with the recorded stamps and the uncertainty of the times where those jitter."""

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from scipy.ndimage import binary_dilation, convolve1d, median_filter
 
 from lmeasure.core import BoolArray, FloatArray
 from lmeasure.kernels import TERMS
@@ -128,7 +127,7 @@ def _excess(left: FloatArray, u: FloatArray, starts: np.ndarray, size: int, step
     hz = np.asarray(np.fft.rfftfreq(size, step_s), dtype=np.float64)
     gain, lost = _gain(half_width_s, step_s, hz)
     # the window spreads each frequency over its neighbours
-    lost = np.sqrt(convolve1d(lost**2, [1 / 6, 2 / 3, 1 / 6], mode="mirror"))
+    lost = np.sqrt(scipy.ndimage.convolve1d(lost**2, [1 / 6, 2 / 3, 1 / 6], mode="mirror"))
     double = np.where((hz == 0.0) | (2 * np.arange(len(hz)) == size), 1.0, 2.0)
     out = np.zeros((len(starts), TERMS, left.shape[1]))
     at_once = max(1, 2**20 // size)
@@ -139,7 +138,7 @@ def _excess(left: FloatArray, u: FloatArray, starts: np.ndarray, size: int, step
         power = np.abs(np.fft.rfft(left[rows] * window[:, None], axis=1)) ** 2 * (double / (size * (window**2).sum()))[:, None]
         noise = (u[rows] ** 2).mean(axis=1)[:, None, :] * (double * lost**2 / size)[:, None]
         together = (power / (noise + LEAST_POWER)).reshape(*power.shape[:2], -1, AXES).sum(axis=3) > limit
-        over = np.repeat(binary_dilation(together, np.ones((1, 5, 1), np.bool_)), AXES, axis=2)
+        over = np.repeat(scipy.ndimage.binary_dilation(together, np.ones((1, 5, 1), np.bool_)), AXES, axis=2)
         # along an axis that swings little, noise hides how much: all of the power there counts
         excess = np.where(over, power, 0.0)
         # noise that is not white, as counts of a slow cable are, has lines as well, and less power beside them
@@ -201,7 +200,7 @@ def _lines(axis: str, hz: FloatArray, spectra: FloatArray, inside: BoolArray, la
     mean, blocks = spectra.mean(axis=0), len(spectra)
     number = max(int(inside.sum()) // PADDED, 1)
     of_median = scipy.stats.gamma.ppf(0.5, blocks) / blocks
-    near = median_filter(mean, 2 * ABOUT_BINS * PADDED + 1, mode="nearest") / of_median
+    near = scipy.ndimage.median_filter(mean, 2 * ABOUT_BINS * PADDED + 1, mode="nearest") / of_median
     limit = scipy.stats.gamma.isf(CHANCE / number, blocks) / blocks
     free = inside.copy()
     out = list[Vibration]()

@@ -502,9 +502,10 @@ def _closure_factors(budget: Budget, evidence: Evidence, at: Situation, unused: 
 def unused_channels(trajectory: Trajectory, cables: tuple[str, ...]) -> BoolArray:
     """(n, m) cables that `ok` samples name because they were not used."""
     out = np.zeros((len(trajectory.time_s), len(cables)), np.bool_)
+    ok = (trajectory.status == Status.OK) & (trajectory.cable != "")
     # a restored channel is named too, and used
-    ok = (trajectory.status == Status.OK) & ~np.array([is_of(cause, RESTORED_ORIGIN) for cause in trajectory.cause], dtype=np.bool_)
-    for names in set(trajectory.cable[ok]) - {""}:
+    ok[ok] = [not is_of(cause, RESTORED_ORIGIN) for cause in trajectory.cause[ok]]
+    for names in set(trajectory.cable[ok]):
         mask = ok & (trajectory.cable == names)
         out[np.ix_(mask, [cables.index(name) for name in names.split(NAMES) if name in cables])] = True
     return out

@@ -124,7 +124,12 @@ class PoseErrors:
 
     def drawn(self, rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
         """Draws of u or z, of any shape."""
-        return np.sqrt(12.0) * (rng.random(shape) - 0.5) if self.rounded else rng.standard_normal(shape)
+        if not self.rounded:
+            return rng.standard_normal(shape)
+        out = rng.random(shape)
+        out -= 0.5
+        out *= np.sqrt(12.0)
+        return out
 
     def drawn_common(self, rng: np.random.Generator, trials: int) -> FloatArray:
         """(trials, K) draws of s."""
