@@ -10,6 +10,7 @@ world that is broken beyond its sizes states the typical ones. "exact": the plai
 inside: share of measured positions in the 95 % region; u: stated standard uncertainty of a coordinate [mm]; refused: exit with a message.
 """
 
+import itertools
 import math
 import tempfile
 from dataclasses import dataclass, field
@@ -30,7 +31,7 @@ SIZES = {
     "u_swivel_offset_mm": 0.05, "u_attachment_mm": 0.3, "u_backlash_counts": 1.0, "u_friction_counts": 4.0,
 }  # fmt: skip
 """Typical sizes, by the keys of rig.toml."""
-MODES = ("stated", "unstated", "exact")
+MODES = ("unstated", "exact", "stated")
 
 
 @dataclass(frozen=True)
@@ -513,7 +514,15 @@ def page(records: list[dict[str, Any]]) -> str:
     return table(("world", "mode", "rigs", "refused", "error / mm", "u / mm", "inside / %", "NEES/3", "s", "warnings"), rows)
 
 
-STUDY = Study("unstated", draw, page, runs="rigs", count=6, factors={"world": tuple(WORLDS), "mode": MODES}, key="{world} {mode} {seed}")
+def cases(asked: Any, _seed: int) -> list[tuple[str, str]]:
+    """Return the worlds and modes of a rig: all worlds by what users write first. The plain fit is for worlds that it is right for."""
+    every = itertools.product(asked.mode, asked.world)
+    return [(world, mode) for mode, world in every if mode != "exact" or WORLDS[world].kind == "sound"]
+
+
+STUDY = Study(
+    "unstated", draw, page, runs="rigs", count=6, factors={"world": tuple(WORLDS), "mode": MODES}, key="{world} {mode} {seed}", cases=cases
+)
 
 if __name__ == "__main__":
     raise SystemExit(STUDY.command(__doc__))

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import scipy.stats
 
 from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.calibration.solve.dimensions import Dimensions
@@ -19,6 +20,8 @@ from lmeasure.text import message
 
 ALIKE_K = 0.5
 """Temperatures that are not distinguished [K]."""
+BY_CHANCE = 1e-3
+"""Probability below which the errors of all parts of one kind are not typical. Their estimates are nearer to zero than they are."""
 LARGER = 3.0
 """Typical sizes from which an error of a part is named: less than one of a hundred sound parts is so large by chance."""
 
@@ -71,16 +74,25 @@ def _unstated_expansion(campaign: Campaign, warm: FloatArray) -> list[Finding]:
 
 
 def larger_than_typical(sized: Sized | None, dimensions: Dimensions) -> list[Finding]:
-    """Kinds of parts whose errors are much larger than the typical ones that were assumed, with the worst part of each."""
+    """Return the kinds of parts whose errors are much larger than the typical ones that were assumed, with the worst part of each."""
     if sized is None:
         return []
     out, sizes = [], [(_least_size(v, sized, dimensions), v) for v in sized.model.variables if v.assumed and v.kind != BACKLASH]
     for kind in dict.fromkeys(v.kind for _, v in sizes):
         size, v = max((pair for pair in sizes if pair[1].kind is kind), key=lambda pair: pair[0])
+        whole = _group_size([v for _, v in sizes if v.kind is kind and kind.adds is not None], dimensions)
+        values = {"part": v.owner, "size": TYPICAL_SIZES[kind.key].size, "key": kind.key}
         if size > LARGER:
-            values = {"part": v.owner, "times": size, "size": TYPICAL_SIZES[kind.key].size, "key": kind.key}
-            out.append(Finding(code="larger", text=message("calibration.larger", what=kind.said, **values), value=size))
+            out.append(Finding(code="larger", text=message("calibration.larger", what=kind.said, times=size, **values), value=size))
+        elif whole:
+            out.append(Finding(code="larger", text=message("calibration.larger_all", what=kind.said, times=whole, **values), value=whole))
     return out
+
+
+def _group_size(parts: list[Variable], dimensions: Dimensions) -> float:
+    """Return the root mean square of the errors of parts of one kind in units of the typical size; 0 where chance explains it."""
+    z = np.array([dimensions.correction[dimensions.names.index(name)] / v.u for v in parts for name in v.names])
+    return float(np.sqrt(np.mean(z**2))) if len(z) and scipy.stats.chi2.sf(z @ z, len(z)) < BY_CHANCE else 0.0
 
 
 def _least_size(v: Variable, sized: Sized, dimensions: Dimensions) -> float:

@@ -10,6 +10,9 @@ from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.core import FloatArray, IntArray
 from lmeasure.estimation import Deletion, Fit, held_out as held_out_of_fit
 
+MOVED = 1e-3
+"""Probability of chance below which a point is named that moved."""
+
 
 @dataclass(frozen=True)
 class Suspect:
@@ -101,6 +104,30 @@ def outlier_readings(model: Model, fit: Fit) -> list[Suspect]:
             probability = min(0.0, tested[1] + math.log(campaign.counts.size))
             out.append(Suspect("outlier", campaign.poses.names[i], campaign.cables[j].channel, tested[0], probability))
     return sorted(out, key=lambda s: s.log_probability)
+
+
+def moved_points(model: Model, fit: Fit) -> Suspect | None:
+    """Return the observation point that most likely moved between two poses, with the size of its move; None where chance explains it.
+
+    A counter that slips looks nearly the same: the lengths of one cable are off from some pose on.
+    """
+    campaign, deletion = model.campaign, Deletion(fit)
+    J, every = model.pose_jacobian(fit.theta), np.arange(model.equations)
+    # a point that moves is a tool that moves the other way, for its cable alone
+    by_move, found = -J[every, model.pose_index, 3:], list[Suspect]()
+    for j, c in enumerate(campaign.drums):
+        own = model.cable_index == j
+        when = model.pose_index if campaign.counted is None else np.nan_to_num(campaign.counted[model.pose_index, j])
+        for first in np.unique(when[own])[2:-1]:
+            columns = by_move * (own & (when >= first))[:, None]
+            judged = deletion.added(columns)
+            tested = deletion.test(judged.square, judged.freedom) if judged else None
+            if tested:
+                pose = campaign.poses.names[model.pose_index[own & (when == first)][0]]
+                size = float(np.linalg.norm(deletion.sizes(columns)))
+                found.append(Suspect("moved", pose, c.channel, tested[0], min(0.0, tested[1] + math.log(campaign.counts.size)), size))
+    worst = min(found, key=lambda s: s.log_probability, default=None)
+    return worst if worst is not None and worst.log_probability < math.log(MOVED) else None
 
 
 def slipped_counters(model: Model, fit: Fit) -> list[Suspect]:

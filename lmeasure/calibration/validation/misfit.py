@@ -10,7 +10,7 @@ from lmeasure.calibration.solve.reference_field import field_covariance
 from lmeasure.calibration.solve.sizes import Sized, with_estimated_sizes
 from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.calibration.validation.explanations import Otherwise, arm_mm, every_length
-from lmeasure.calibration.validation.hold_out import outlier_poses, slipped_counters
+from lmeasure.calibration.validation.hold_out import moved_points, outlier_poses, slipped_counters
 from lmeasure.core import BoolArray, FloatArray
 from lmeasure.estimation import CHANCE, Explained as State, Fit, evidence, explained, improbable, settled
 from lmeasure.rig import Finding
@@ -64,7 +64,7 @@ def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
         model, found = sized.model, sized.fit
         alternatives, state = Otherwise(model.noise), State(model, found)
         findings = [_sized(name, ASSUMED[name] * sized.size[name]) for name in absent]
-        findings += _smooth(sized)
+        findings += [*_smooth(sized), *_moved(sized)]
     elif telling:
         keys = tuple((name, None) for name in absent)
         state = settled(replace(state, sizes=dict.fromkeys(keys, 0.0), unstated=keys), alternatives)
@@ -76,7 +76,7 @@ def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
         rms = _rms(found)
         text = message("calibration.residuals_mm_rms_exceed", rms=rms, blamed=tuple(blamed))
         return _covered(state, [*findings, Finding(code="misfit", text=text, value=rms)], rms)
-    if improbable(state.fit):
+    if improbable(state.fit) and not any(w.code == "moved" for w in findings):
         findings += _contradictions(state.problem, state.fit)
     begun, state = state, explained(state, alternatives)
     return replace(_covered(state, [*findings, *_told(state, begun)], _rms(begun.fit)), sized=sized)
@@ -144,6 +144,17 @@ def _smooth(sized: Sized) -> list[Finding]:
     if source == "unknown" and part < NOTED:
         return []
     return [Finding(code="note", text=message(f"calibration.smooth_errors_{source}", mm=mm), value=mm)]
+
+
+def _moved(sized: Sized) -> list[Finding]:
+    """Return the observation point that moved during the calibration. Estimated errors of poses would hide it."""
+    one = moved_points(sized.model, sized.fit)
+    if one is None:
+        return []
+    point = next(c.from_point for c in sized.model.campaign.drums if c.channel == one.channel)
+    values = {"point": point, "channel": one.channel, "pose": one.pose, "mm": one.shift_mm, "p": math.exp(one.log_probability)}
+    text = message("calibration.moved_point", **values)
+    return [Finding(code="moved", channel=one.channel, pose=one.pose, value=one.shift_mm, text=text)]
 
 
 def _told(state: State[Model], begun: State[Model]) -> list[Finding]:
