@@ -165,7 +165,8 @@ class Drum:
         """(n,) whole counts at points (n, 3), zeroed at the first; moved_at: the point is elsewhere from there on."""
         begun = self.free(points[0], 0.0)
         rng = np.random.default_rng(abs(int(1e6 * begun)))
-        phase, k, play, out = rng.uniform(-0.5, 0.5), 0.0, rng.uniform(-1, 1) * self.half_band, []
+        # the cable came to where the counter is zeroed, and the encoder is at that side of its band
+        phase, k, play, out = rng.uniform(-0.5, 0.5), 0.0, rng.choice([-1.0, 1.0]) * self.half_band, []
         zero, home, normal = play, self.place, None
         for i, P in enumerate(points):
             if i == moved_at and move is not None:
