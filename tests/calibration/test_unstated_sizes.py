@@ -50,7 +50,7 @@ def test_the_simulator_has_the_law_of_the_rig(study: ModuleType) -> None:
         ("attachments 2 mm", 0.05, 0.08, "larger"),
         ("a typing error of 10 mm", 0.03, 0.05, "outlier"),
         ("references of a robot 0.3 mm", 0.1, 0.2, ""),
-        ("friction 30 counts", 0.55, 0.8, "larger"),
+        ("friction 30 counts", 0.95, 0.8, "larger"),
     ],
 )
 def test_what_is_not_stated_is_estimated(study: ModuleType, world: str, error_mm: float, u_mm: float, said: str) -> None:
@@ -61,6 +61,16 @@ def test_what_is_not_stated_is_estimated(study: ModuleType, world: str, error_mm
     assert got["u_mm"] < u_mm
     assert got["inside"] >= 0.93
     assert set(got["codes"]) & {"outlier", "larger", "effect", "misfit"} == {said} - {""}
+
+
+@pytest.mark.parametrize(
+    ("world", "seed", "said"), [("a point moves 1 mm", 0, "B3 moved by about 1.2 mm"), ("circumferences 0.2 %", 1, "B3"), ("sound", 0, "")]
+)
+def test_faults_beyond_typical_sizes_are_named(study: ModuleType, tmp_path: Path, world: str, seed: int, said: str) -> None:
+    study.folder(tmp_path, study.bench(seed, study.WORLDS[world]), study.WORLDS[world], seed, "unstated")
+    found = [w for w in calibrate(read_campaign(tmp_path)).record.warnings if w.code in ("moved", "larger", "slip", "outlier", "misfit")]
+    assert len(found) == bool(said)
+    assert all(said in str(one.text) for one in found)
 
 
 def test_sizes_are_those_of_a_brute_force_posterior() -> None:
