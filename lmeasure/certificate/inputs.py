@@ -19,22 +19,32 @@ from lmeasure.recording import POSITION_COLUMNS, Program, Run, read_program, rea
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import OTHERS, stated as unsolved_stated
 from lmeasure.text import Message, message
-from lmeasure.trajectory import ErrorsOfRun, Stated, Trajectory, align, read_trajectory, reconstruct
+from lmeasure.trajectory import (
+    ErrorModel,
+    ErrorsOfCurve,
+    ErrorsOfRun,
+    Stated,
+    Trajectory,
+    align,
+    read_trajectory,
+    reconstruct,
+    reconstruct_curve,
+)
 
 Progress = Callable[[int, int], None]
 
 SAME_POSITION_MM = 1e-6
 SAME_QUATERNION = 1e-9
 SAME_TIME_S = 1e-9
-_BESIDE = ("columns", "u_position_mm", "u_rotation_deg")
-"""What `Inputs.stated` keeps of a trajectory from elsewhere."""
+_BESIDE = {"columns": str, "u_position_mm": float, "u_rotation_deg": float, "continuous": bool}
+"""Settings that `Inputs.stated` keeps where they are used, with their types."""
 
 
 @dataclass(frozen=True)
 class Inputs:
     """The files a certificate is made of; rig replaces the run's own, details may be missing.
 
-    constraint, repeatability_mm: what `reconstruct` was said, where a run is given.
+    constraint, repeatability_mm, continuous: settings of `reconstruct`, where a run is given.
     """
 
     trajectory: Path
@@ -44,6 +54,7 @@ class Inputs:
     details: Path | None = None
     constraint: str | None = None
     repeatability_mm: float = 0.0
+    continuous: bool = False
     columns: str = ""
     """Which column of the trajectory is which, where another instrument measured it, as `--columns` has it."""
     u_position_mm: float | None = None
@@ -96,7 +107,7 @@ class Inputs:
             "details": None if self.details is None else f"{INPUTS}/details.toml",
             "constraint": self.constraint,
             "repeatability_mm": self.repeatability_mm,
-            **{name: getattr(self, name) for name in _BESIDE if getattr(self, name) not in (None, "")},
+            **{name: getattr(self, name) for name in _BESIDE if getattr(self, name) not in (None, "", False)},
         }
 
 
@@ -113,7 +124,7 @@ def inputs_in(folder: Path, stated: dict[str, Any]) -> Inputs:
     if not isinstance(constraint, str | None) or not isinstance(repeatability, float):
         raise CertificationError(message("error.certificate_json_measurement_constraint"))
     beside = {name: stated[name] for name in _BESIDE if name in stated}
-    if not all(isinstance(value, str if name == "columns" else float) for name, value in beside.items()):
+    if not all(isinstance(value, _BESIDE[name]) for name, value in beside.items()):
         raise CertificationError(message("error.certificate_json_measurement_columns"))
     return replace(Inputs(**places), constraint=constraint, repeatability_mm=repeatability, sealed=True, **beside)
 
@@ -210,10 +221,15 @@ def _measured(inputs: Inputs, program: Program, settings: CertificationSettings,
         return Measured(evaluation, trajectory, program, details, logo=logo, notes=(*doubts, *trajectory.notes))
     run = read_run(inputs.run, inputs.rig)
     aligned = align(run)
-    trajectory = reconstruct(aligned, inputs.constraint, inputs.repeatability_mm, covariances=False)
+    model: ErrorModel
+    if inputs.continuous:
+        trajectory, curve = reconstruct_curve(aligned, inputs.constraint)
+        model = ErrorsOfCurve(curve)
+    else:
+        trajectory = reconstruct(aligned, inputs.constraint, inputs.repeatability_mm, covariances=False)
+        model = ErrorsOfRun(aligned, inputs.constraint, inputs.repeatability_mm)
     if same:
         _check_same(inputs.trajectory, trajectory)
-    model = ErrorsOfRun(aligned, inputs.constraint, inputs.repeatability_mm)
     evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
     notes: tuple[Message | str, ...] = (*doubts, *trajectory.notes, *trajectory.assumed.lines)
     return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), notes, logo)

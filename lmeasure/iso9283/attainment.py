@@ -138,7 +138,7 @@ def attained(
         if path.windows_s:
             shortest = min(end - start for start, end in path.windows_s)
             planes = max(LEAST_PLANES, min(settings.planes, most_planes(stamps, shortest)))
-            paths[path.name] = crossings(trajectory, path, planes, frame, quarters=settings.quarters)
+            paths[path.name] = crossings(trajectory, path, planes, frame, quarters=settings.quarters, read=stamps.read)
     return Attainment(
         trajectory=trajectory,
         program=program,

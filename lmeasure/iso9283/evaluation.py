@@ -26,17 +26,19 @@ from lmeasure.iso9283.paths import LEAST_PLANES, Crossings
 from lmeasure.iso9283.settings import CertificationSettings
 from lmeasure.iso9283.uncertainty import NORMAL_95, Spread, propagate
 from lmeasure.recording import Program, Run, Tolerance
-from lmeasure.text import Message, message, within
+from lmeasure.text import Message, is_of, message, within
 from lmeasure.trajectory import (
     SUSPECTED,
     AttainedPose,
     ErrorModel,
+    ErrorsOfCurve,
     ErrorsOfFile,
     ErrorsOfRun,
     Frame,
     PoseErrors,
     Stamps,
     Trajectory,
+    finer_trajectory,
     stamps_of,
     window,
 )
@@ -177,6 +179,8 @@ def largest_radius_95(errors: PoseErrors) -> float:
 
 
 SCHEMA = "lmeasure.certificate/1"
+NEGLIGIBLE = 1e-2
+"""Of U95: a contribution that a correction need not take into account."""
 
 
 @dataclass(frozen=True)
@@ -260,7 +264,8 @@ def evaluate(
     """The characteristics that the program's poses and paths allow, each with U95 and a verdict.
 
     covariances: where the errors of poses come from; by default the run's rig and calibration, or without a run the uncertainties of the
-    trajectory, whose common part is not known and is therefore taken as whatever is worse for each figure. Parts without windows are looked
+    trajectory, whose common part is not known and is therefore taken as whatever is worse for each figure. With `ErrorsOfCurve` the
+    trajectory is that of a curve: this is evaluated between the samples too. Parts without windows are looked
     for in the trajectory's rests. stamps: as judged already, else by the motion
     itself. CertificationError names the window and sample when a pose or path cannot be determined.
     """
@@ -273,6 +278,14 @@ def evaluate(
         models = (ErrorsOfRun(run),)
     else:
         models = (ErrorsOfFile(together=True), ErrorsOfFile(together=False))
+    if isinstance(covariances, ErrorsOfCurve):
+        stamps = stamps_of(trajectory)
+        if stamps.kind != "sound":
+            raise CertificationError(message("error.curve_of_jitter"))
+        trajectory, of = finer_trajectory(trajectory, covariances.curve)
+        at_s = trajectory.time_s
+        stretch = None if stamps.stretch is None else stamps.stretch[of]
+        stamps = replace(stamps, stamp_s=at_s, time_s=at_s, stretch=stretch, read=np.diff(of, prepend=-1) > 0)
     stamps = stamps or stamps_of(trajectory)
     trajectory = replace(trajectory, time_s=stamps.time_s)
     program = on_times(program, stamps)
@@ -288,7 +301,7 @@ def evaluate(
     values, spreads = _drawn(tests, figures, laws, settings, progress=progress)
     excluded = exclusions(tests, trajectory, settings, laws)
     found = [
-        _characteristic(figure, value, [s[i] for s in spreads], excluded=excluded, stamps=stamps)
+        _characteristic(figure, value, [s[i] for s in spreads], excluded=excluded, stamps=stamps, joint=laws[0].errors.joint)
         for i, (figure, value) in enumerate(zip(figures, values, strict=True))
     ]
     motion = Motion(trajectory, given.frame, lambda at: [law(at) for law in laws], stamps=stamps, settings=settings)
@@ -325,20 +338,29 @@ def evaluate(
 
 @dataclass(frozen=True)
 class _Law:
-    """Errors of what is certified at all samples (n,) that tests ask for, by one law, and what they hold."""
+    """Errors of what is certified at all samples (n,) that tests ask for, by one law, and what they hold; together: those of a curve, at
+    samples that belong together."""
 
     samples: IntArray
     errors: PoseErrors
     covers: Message | str
+    together: SampleErrors | None = None
 
     @classmethod
     def of(cls, model: ErrorModel, trajectory: Trajectory, samples: IntArray, frame: Frame) -> "_Law":
         """At the point and in the frame that are certified."""
-        errors, covers = model.at(trajectory, samples)
-        return cls(samples, frame.of_errors(trajectory.poses[samples], errors), covers)
+
+        def at(some: IntArray) -> tuple[PoseErrors, Message | str]:
+            errors, covers = model.at(trajectory, some)
+            return frame.of_errors(trajectory.poses[some], errors), covers
+
+        together = isinstance(model, ErrorsOfCurve)
+        return cls(samples, *at(samples[:1] if together else samples), (lambda some: at(some)[0]) if together else None)
 
     def __call__(self, samples: IntArray) -> PoseErrors:
         """Of all errors those at some samples."""
+        if self.together is not None:
+            return self.together(samples)
         return self.errors[np.searchsorted(self.samples, samples)]
 
 
@@ -404,16 +426,22 @@ def _check(trajectory: Trajectory, program: Program, settings: CertificationSett
         raise CertificationError(message("error.planes_normal_to_a", planes=settings.planes, least_planes=LEAST_PLANES))
 
 
-def _characteristic(figure: Figure, value: float, spreads: Sequence[Spread], *, excluded: Exclusions, stamps: Stamps) -> Characteristic:
+def _characteristic(
+    figure: Figure, value: float, spreads: Sequence[Spread], *, excluded: Exclusions, stamps: Stamps, joint: bool
+) -> Characteristic:
     """The figure with the larger of the uncertainties that the laws of errors give."""
     worst = max(spreads, key=lambda s: s.u95)
     between = (Contribution(message("source.between"), figure.between / NORMAL_95, random=True),) * (figure.between > 0.0)
+    # the largest of many places of a smooth path is one that erred outwards: by how much on average is known
+    hides = any(is_of(row.source, "source.between") and row.contribution > NEGLIGIBLE * worst.u95 for row in worst.budget)
+    corrected = figure.extreme and joint and not hides
+    u95 = worst.u95_corrected if corrected else worst.u95
     found = Characteristic(
         **figure.key._asdict(),
         clause=figure.clause,
-        value=value,
+        value=max(value - worst.bias, 0.0) if corrected else value,
         unit=figure.unit,
-        u95=worst.u95,
+        u95=u95,
         capable=False,
         cycles=figure.cycles,
         bias=worst.bias,
@@ -421,7 +449,8 @@ def _characteristic(figure: Figure, value: float, spreads: Sequence[Spread], *, 
         angles=figure.angles,
         extension=figure.extension,
         excluded=excluded.reason(figure.needs),
-    ).with_budget((*worst.budget, *between), float(np.hypot(worst.u95, figure.between)))
+        note=message("figure.corrected", bias=worst.bias, unit=figure.unit) if corrected else None,
+    ).with_budget((*worst.budget, *between), float(np.hypot(u95, figure.between)))
     return found if figure.instants is None or stamps.kind == "sound" else with_instants(found, figure.instants(value))
 
 

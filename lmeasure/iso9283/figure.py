@@ -40,7 +40,7 @@ class OfInstants(NamedTuple):
 class Figure:
     """A characteristic yet without its value: function of the states of subjects. needs: what may exclude it; vector: the figure whose
     verdict a component takes; instants: what the instants of samples add to it, by its value, where its states do not hold that; between:
-    how far it may be off by what lies between samples."""
+    how far it may be off by what lies between samples; extreme: it is the largest or the least of a path, which errors make larger."""
 
     key: CharacteristicKey
     clause: str
@@ -53,6 +53,7 @@ class Figure:
     extension: bool = False
     instants: Callable[[float], OfInstants] | None = None
     between: float = 0.0
+    extreme: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

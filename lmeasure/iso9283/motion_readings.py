@@ -16,7 +16,7 @@ import scipy
 from lmeasure.core import BoolArray, CertificationError, FloatArray, IntArray, se3
 from lmeasure.iso9283.characteristic import Characteristic, CharacteristicKey, Contribution
 from lmeasure.iso9283.settings import CertificationSettings
-from lmeasure.iso9283.uncertainty import COVERAGE, NORMAL_95, reduction
+from lmeasure.iso9283.uncertainty import COVERAGE, NORMAL_95, drawn_errors, reduction
 from lmeasure.text import Message, message
 from lmeasure.trajectory import Frame, PoseErrors, Stamps, Trajectory, phases, roundings, window
 
@@ -107,12 +107,19 @@ class Finer:
             near |= scipy.ndimage.binary_dilation(close, iterations=self.pieces)
         return np.flatnonzero(near)
 
+    def _steps(self, points: IntArray) -> IntArray:
+        return np.minimum(points // self.pieces, len(self.samples_s) - 2)
+
+    def used(self, points: IntArray) -> BoolArray:
+        """(k,) which samples `errors` at points (F,) come from."""
+        step, used = self._steps(points), np.zeros(len(self.samples_s), np.bool_)
+        used[step] = used[step + 1] = True
+        return np.asarray(scipy.ndimage.binary_dilation(used, iterations=MARGIN))
+
     def errors(self, points: IntArray, of_samples: Callable[[IntArray], FloatArray]) -> FloatArray:
         """(trials, F, 3) what errors of positions, (trials, i, 3) at samples (i,), are at points (F,)."""
-        step = np.minimum(points // self.pieces, len(self.samples_s) - 2)
-        used = np.zeros(len(self.samples_s), np.bool_)
-        used[step] = used[step + 1] = True
-        ends = np.flatnonzero(np.diff(scipy.ndimage.binary_dilation(used, iterations=MARGIN), prepend=False, append=False))
+        step = self._steps(points)
+        ends = np.flatnonzero(np.diff(self.used(points), prepend=False, append=False))
         parts = [
             scipy.interpolate.CubicSpline(self.samples_s[a:b], of_samples(np.arange(a, b)), axis=1)(
                 self.time_s[points[(step >= a) & (step < b)]]
@@ -238,7 +245,8 @@ class Motion:
         laws = [
             self._errors(np.array([s.samples[at[0]] for s, at in zip(cycles, at_place, strict=True)])) for at_place in _by_place(cycles)
         ]
-        random = [e.random if reading.origin is None else e.covariance for of_place in laws for e in of_place]
+        joint = laws[0][0].joint
+        random = [e.random if reading.origin is None and not joint else e.covariance for of_place in laws for e in of_place]
         reach = FAR * float(np.sqrt(2.0 * max(np.linalg.eigvalsh(c[:, 3:, 3:]).max() for c in random)))
         for stretch in cycles:
             finer = stretch.finer(reading.limit_mm)
@@ -263,22 +271,62 @@ class Motion:
         def figures(finer: Finer, points: IntArray, vectors: Sequence[FloatArray]) -> FloatArray:
             return reading.reported(reading.of(finer.time_s[points], *vectors))
 
-        likely = [
-            [v[points] for v in _vectors(s.moved(s.places[-1])[:, 3:] + s.poses[s.places[-1], :3].mean(axis=0), s, finer, reading.origin)]
-            for s, (finer, points) in zip(cycles, found, strict=True)
-        ]
+        joint = laws[0].joint
+        likely = []
+        for s, (finer, points) in zip(cycles, found, strict=True):
+            # of a curve roundings are smoothed already
+            smooth = s.poses[:, :3] if joint else s.moved(s.places[-1])[:, 3:] + s.poses[s.places[-1], :3].mean(axis=0)
+            likely.append([v[points] for v in _vectors(smooth, s, finer, reading.origin)])
         base = [figures(finer, points, v) for v, (finer, points) in zip(likely, found, strict=True)]
         at_once = max(1, DRAWN_AT_ONCE // max(len(points) for _, points in found))
-        out = []
+        out, together = [], self._together(cycles, found) if joint else []
         for first in range(0, self._settings.trials, at_once):
             trials = min(at_once, self._settings.trials - first)
-            errors = [
-                _errors_from(cycles, found, at, law, rng=rng, trials=trials, absolute=reading.origin is not None)
-                for at, law in zip(_by_place(cycles), laws, strict=True)
-            ]
+            errors = (
+                _joint_errors(cycles, found, together, rng, trials=trials, absolute=reading.origin is not None)
+                if joint
+                else [
+                    _errors_from(cycles, found, at, law, rng=rng, trials=trials, absolute=reading.origin is not None)
+                    for at, law in zip(_by_place(cycles), laws, strict=True)
+                ]
+            )
             moved = [[v + e[j] for v, e in zip(likely[j], errors, strict=True)] for j in range(len(cycles))]
             out.append(np.stack([figures(*found[j], moved[j]) for j in range(len(cycles))], axis=1))
         return np.array(base), np.concatenate(out)
+
+    def _together(self, cycles: Sequence[Stretch], found: Sequence[tuple[Finer, IntArray]]) -> list[tuple[IntArray, PoseErrors]]:
+        """Samples of each cycle that its figures come from, counted from its first, and their errors."""
+        out = []
+        for s, (finer, points) in zip(cycles, found, strict=True):
+            used = finer.used(points)
+            used[np.concatenate(s.places)] = True
+            needed = np.flatnonzero(used)
+            out.append((needed, self._errors(s.samples[needed])[0]))
+        return out
+
+
+def _joint_errors(
+    cycles: Sequence[Stretch],
+    found: Sequence[tuple[Finer, IntArray]],
+    together: Sequence[tuple[IntArray, PoseErrors]],
+    rng: np.random.Generator,
+    *,
+    trials: int,
+    absolute: bool,
+) -> list[list[FloatArray]]:
+    """Drawn errors (trials, F, 3) [mm], by place and cycle, of vectors from a place to points (F,), of a curve."""
+    out: list[list[FloatArray]] = [[] for _ in cycles[0].places]
+    common = together[0][1].drawn_common(rng, trials)
+    for s, (finer, points), (needed, law) in zip(cycles, found, together, strict=True):
+        drawn = drawn_errors(law, rng, common)[..., 3:]
+
+        def of_samples(samples: IntArray, needed: IntArray = needed, drawn: FloatArray = drawn) -> FloatArray:
+            return np.asarray(drawn[:, np.searchsorted(needed, samples)])
+
+        there = finer.errors(points, of_samples)
+        for of_place, at in zip(out, s.places, strict=True):
+            of_place.append(there if absolute else there - of_samples(at).mean(axis=1)[:, None])
+    return out
 
 
 def _by_place(cycles: Sequence[Stretch]) -> list[tuple[IntArray, ...]]:

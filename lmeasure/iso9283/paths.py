@@ -146,12 +146,21 @@ class Line:
 
 @dataclass(frozen=True)
 class Cycle:
-    """One run of a path: samples of the trajectory (k,), their times [s], poses (k, 7) and ways along the path (k,) [mm]."""
+    """One run of a path: samples of the trajectory (k,), their times [s], poses (k, 7) and ways along the path (k,) [mm].
+
+    read (r,): which of them were measured, None for all; others are a curve's, and a path may hide between those.
+    """
 
     samples: IntArray
     time_s: FloatArray
     poses: FloatArray
     way_mm: FloatArray
+    read: IntArray | None = None
+
+    @property
+    def measured(self) -> IntArray:
+        """(r,) numbers of the samples that were measured."""
+        return np.arange(len(self.samples)) if self.read is None or len(self.read) < 2 else self.read
 
 
 @dataclass(frozen=True)
@@ -204,8 +213,12 @@ class Crossings:
         return np.asarray((np.diff(self.way_mm)[:, None] / np.diff(self.time_s, axis=0)).T)
 
 
-def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: Frame, *, quarters: bool = False) -> Crossings:
+def crossings(
+    trajectory: Trajectory, path: CommandedPath, planes: int, frame: Frame, *, quarters: bool = False, read: BoolArray | None = None
+) -> Crossings:
     """The cycles of a path, one per window, in the frame and at the point of the tool that are certified; quarters: see `Line.planes`.
+
+    read (n,): whether a sample was measured, see `Stamps`.
 
     CertificationError names the window that does not run along the path.
     """
@@ -221,7 +234,8 @@ def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: F
                 )
             )
         poses = frame.of(trajectory.poses[part])
-        cycle = Cycle(np.arange(part.start, part.stop), trajectory.time_s[part], poses, line.way(poses[:, :3]))
+        measured = None if read is None else np.flatnonzero(read[part])
+        cycle = Cycle(np.arange(part.start, part.stop), trajectory.time_s[part], poses, line.way(poses[:, :3]), measured)
         _runs_along(cycle, line.length, what)
         cycles.append(cycle)
         worst = float(np.fmax.reduce(trajectory.worst_pressure_angle_deg[part], initial=worst))
@@ -236,7 +250,7 @@ def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: F
     about = {"commanded": commanded, "tangent": tangent, "bounds": bounds[[behind - 1, behind]]}
     crossed = [_cross(cycle, ways, f"path {path.name}, cycle {j}", **about) for j, cycle in enumerate(cycles, 1)]
     every = _Crossed(*(np.stack(columns, axis=1) for columns in zip(*crossed, strict=True)))
-    hidden = joined([between(c.time_s, c.poses[:, :3])[before] for c, before in zip(cycles, every.before.T, strict=True)])
+    hidden = joined([_hidden(c, before) for c, before in zip(cycles, every.before.T, strict=True)])
     near = frame.of(trajectory.poses[every.samples.ravel()]).reshape(m, -1, 7)
     return Crossings(
         **{name: values for name, values in every._asdict().items() if name != "before"},
@@ -249,6 +263,13 @@ def crossings(trajectory: Trajectory, path: CommandedPath, planes: int, frame: F
         cycles=tuple(cycles),
         angle_deg=worst,
     )
+
+
+def _hidden(cycle: Cycle, before: IntArray) -> Between:
+    """The steps between measured samples in which those of a cycle (m,) are."""
+    read = cycle.measured
+    step = np.searchsorted(read, before, side="right") - 1
+    return between(cycle.time_s[read], cycle.poses[read, :3])[np.clip(step, 0, len(read) - 2)]
 
 
 def _runs_along(cycle: Cycle, length: float, what: str) -> None:

@@ -54,14 +54,15 @@ class Part(Protocol):
 
 @dataclass(frozen=True)
 class Spread:
-    """What is known of a figure's error: by Monte Carlo u95, its mean bias and standard deviation u_drawn; by the linear law the budget
-    and derivatives sensitivities (T,) along all independent errors."""
+    """What is known of a figure's error: by Monte Carlo u95, its mean bias, u95_corrected without this, and standard deviation u_drawn; by
+    the linear law the budget and derivatives sensitivities (T,) along all independent errors."""
 
     u95: float
     bias: float
     u_drawn: float
     budget: tuple[Contribution, ...]
     sensitivities: FloatArray = field(compare=False)
+    u95_corrected: float
 
     def _of(self, random: bool) -> float:
         return float(np.sqrt(sum(row.contribution**2 for row in self.budget if row.random is random)))
@@ -103,22 +104,15 @@ def reduction_of_mean(observed: FloatArray | float, added: FloatArray | float, a
         return np.where(least > 0.0, least / np.sqrt(observed), 0.0)
 
 
-@dataclass(frozen=True)
-class _Law:
-    """The errors of a part, ready to be drawn."""
-
-    errors: PoseErrors
-    rng: np.random.Generator
-
-    def draw(self, common: FloatArray) -> FloatArray:
-        """Errors (trials, n, 6), with the run's own draws common (trials, K)."""
-        e, trials, n = self.errors, len(common), len(self.errors)
-        out = np.einsum("nij,tnj->tni", e.own, e.drawn(self.rng, (trials, n, e.own.shape[2])), optimize=True)
-        out += (common @ e.shared.reshape(n * 6, -1).T).reshape(trials, n, 6)
-        if e.local.any():
-            drawn = e.drawn(self.rng, (trials, int(e.place.max()) + 1, e.local.shape[2]))
-            out += np.einsum("nij,tnj->tni", e.local, drawn[:, e.place], optimize=True)
-        return np.asarray(out)
+def drawn_errors(e: PoseErrors, rng: np.random.Generator, common: FloatArray) -> FloatArray:
+    """Errors (trials, n, 6) of a part, with the run's own draws common (trials, K)."""
+    trials, n = len(common), len(e)
+    out = np.einsum("nij,tnj->tni", e.own, e.drawn(rng, (trials, n, e.own.shape[2])), optimize=True)
+    out += (common @ e.shared.reshape(n * 6, -1).T).reshape(trials, n, 6)
+    if e.local.any():
+        drawn = e.drawn(rng, (trials, int(e.place.max()) + 1, e.local.shape[2]))
+        out += np.einsum("nij,tnj->tni", e.local, drawn[:, e.place], optimize=True)
+    return np.asarray(out)
 
 
 Moving = Callable[[dict[Subject, FloatArray]], dict[Subject, FloatArray]]
@@ -139,7 +133,7 @@ def propagate(
     at_once = int(np.clip(POINTS_AT_ONCE // points, 1, trials))
     widest = max((p.errors for p in parts.values()), key=lambda e: e.shared.shape[2], default=None)
     streams = np.random.default_rng(seed).spawn(len(parts) + 2)
-    laws = {name: _Law(p.errors, rng) for (name, p), rng in zip(parts.items(), streams[1:-1], strict=True)}
+    laws = {name: (p.errors, rng) for (name, p), rng in zip(parts.items(), streams[1:-1], strict=True)}
     still = {name: np.zeros((len(p.errors), 6)) for name, p in parts.items()}
     uses: list[set[Subject]] = [set() for _ in figures]
 
@@ -154,7 +148,7 @@ def propagate(
     for first in range(0, trials, at_once):
         last = min(first + at_once, trials)
         common = np.empty((last - first, 0)) if widest is None else widest.drawn_common(streams[0], last - first)
-        drawn = {name: law.draw(common[:, : parts[name].errors.shared.shape[2]]) for name, law in laws.items()}
+        drawn = {name: drawn_errors(e, rng, common[:, : e.shared.shape[2]]) for name, (e, rng) in laws.items()}
         for i, value in enumerate(values(drawn, every, reduced=True)):
             error[i, first:last] = value - base[i]
         if progress is not None:
@@ -178,10 +172,11 @@ def propagate(
                 for kind, c in zip(block.kinds[piece], slope.tolist(), strict=True) if i in slopes else ():
                     rows[i].setdefault(kind, []).append(c)
     u95 = np.quantile(np.abs(error), COVERAGE, axis=1)
+    corrected = np.quantile(np.abs(error - error.mean(axis=1, keepdims=True)), COVERAGE, axis=1)
     return [
         Spread(
             float(u95[i]), float(error[i].mean()), float(error[i].std()), tuple(_row(kind, c) for kind, c in rows[i].items()),
-            np.concatenate(sensitivities[i]) if sensitivities[i] else np.empty(0),
+            np.concatenate(sensitivities[i]) if sensitivities[i] else np.empty(0), float(corrected[i]),
         )
         for i in every
     ]  # fmt: skip
@@ -236,7 +231,7 @@ def _blocks(parts: Mapping[Subject, Part], rng: np.random.Generator, *, joint: b
             for first in range(0, LINEAR_TRIALS, at_once):
                 number = min(at_once, LINEAR_TRIALS - first)
                 errors = {k: _drawn_directions(p.errors, which, rng, number) for k, p in parts.items()}
-                yield _Block(errors, [_Kind(source, law, random)] * number)
+                yield _Block(errors, [_Kind(source, law, random or any(p.errors.joint for p in parts.values()))] * number)
             continue
         for k, part in parts.items():
             columns, place = _own(part.errors, which)
@@ -244,7 +239,7 @@ def _blocks(parts: Mapping[Subject, Part], rng: np.random.Generator, *, joint: b
             e = _drawn_directions(part.errors, which, rng, LINEAR_TRIALS) if drawn else _single_directions(columns, place)
             if len(e):
                 source, law = _named(part.errors, which, drawn=drawn)
-                yield _Block({k: e}, [_Kind(source, law, random)] * len(e), k)
+                yield _Block({k: e}, [_Kind(source, law, random or part.errors.joint)] * len(e), k)
 
 
 def _law(uniform: bool) -> Literal["normal", "rectangular"]:

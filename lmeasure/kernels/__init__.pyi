@@ -132,10 +132,15 @@ from .screw import (
 )
 from .search import best_of as best_of, descend as descend
 from .spline import (
+    add_spline_prior as add_spline_prior,
     band_inverse as band_inverse,
     spline_covariances as spline_covariances,
+    spline_differences as spline_differences,
     spline_equations as spline_equations,
+    spline_moved as spline_moved,
     spline_poses as spline_poses,
+    spline_steps as spline_steps,
+    variances_of_differences as variances_of_differences,
 )
 from .travel import last_travel as last_travel
 from .uncompiled import tile as tile, used as used, wanted as wanted

@@ -13,7 +13,7 @@ from lmeasure.core import FloatArray
 from lmeasure.kernels.cable import seen_at, way_round
 from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.layout import KIND, ORIENTATION, PLACE, POSE_COLUMNS
-from lmeasure.kernels.se3 import exp_rotation
+from lmeasure.kernels.se3 import exp_rotation, log_rotation
 from lmeasure.kernels.vector import Quat, Vec3, add, cross, multiply, rotate, rotate_back, scale, sub, vec
 
 FREE = 6
@@ -96,7 +96,8 @@ def spline_equations(
     offsets, rates, middle = late
     k, knots, b0, c = table.shape[1], len(points), shared.shape[2], offsets.shape[1]
     b = b0 + 2 * c
-    W, C, leans, leant = np.empty((2, k)), np.empty((2, k)), np.zeros((k, 3)), np.empty((k, 3, FREE))
+    W, C, leans = np.empty((2, k)), np.empty((2, k)), np.zeros((k, 3))
+    moved, block = np.empty((k, FREE, FREE)), np.empty((FREE, FREE))
     pose, a, right, L = np.empty(POSE_COLUMNS), np.empty(FREE), np.zeros(FREE), np.empty(b)
     A, border = np.zeros((FREE, FREE)), np.zeros((FREE, b))
     ox = oy = oz = vx = vy = vz = 0.0
@@ -108,10 +109,14 @@ def spline_equations(
                 continue
             other = j == m or times[i, j] != last
             if other and waits:
-                for p in range(k):
-                    lean = vec(leans[p], 0)
-                    for y in range(FREE):
-                        leant[p, 0, y], leant[p, 1, y], leant[p, 2, y] = cross(lean, (A[0, y], A[1, y], A[2, y]))
+                for q in range(k):
+                    lean, weight = vec(leans[q], 0), W[0, q]
+                    for x in range(FREE):
+                        more = cross(lean, (A[x, 0], A[x, 1], A[x, 2]))
+                        moved[q, x, 0], moved[q, x, 1] = weight * A[x, 0] + more[0], weight * A[x, 1] + more[1]
+                        moved[q, x, 2] = weight * A[x, 2] + more[2]
+                        for y in range(3, FREE):
+                            moved[q, x, y] = weight * A[x, y]
                 for p in range(k):
                     weight, lean = W[0, p], vec(leans[p], 0)
                     column = FREE * (first + p)
@@ -121,23 +126,21 @@ def spline_equations(
                         for x, more in enumerate(cross(lean, (border[0, e], border[1, e], border[2, e]))):
                             X[column + x, e] += more
                     for x in range(FREE):
-                        column = FREE * (first + p) + x
-                        g[column] += weight * right[x]
+                        g[column + x] += weight * right[x]
                         for e in range(b):
-                            X[column, e] += weight * border[x, e]
-                        for q in range(p, k):
-                            both, below, other_weight = weight * W[0, q], FREE * (q - p) - x, W[0, q]
-                            # without the term of second order the band would not be positive definite
-                            twice = (0.0, 0.0, 0.0)
-                            if x < 3:
-                                twice = cross(vec(leans[q], 0), (leant[p, x, 0], leant[p, x, 1], leant[p, x, 2]))
+                            X[column + x, e] += weight * border[x, e]
+                    for q in range(p, k):
+                        for y in range(FREE):
+                            above, beside, below = moved[q, 0, y], moved[q, 1, y], moved[q, 2, y]
+                            block[0, y] = weight * above + (lean[1] * below - lean[2] * beside)
+                            block[1, y] = weight * beside + (lean[2] * above - lean[0] * below)
+                            block[2, y] = weight * below + (lean[0] * beside - lean[1] * above)
+                            for x in range(3, FREE):
+                                block[x, y] = weight * moved[q, x, y]
+                        for x in range(FREE):
+                            of = N[column + x]
                             for y in range(x if p == q else 0, FREE):
-                                z = both * A[x, y]
-                                if x < 3:
-                                    z += other_weight * leant[p, x, y]
-                                if y < 3:
-                                    z += weight * leant[q, y, x] + twice[y]
-                                N[column, below + y] += z
+                                of[FREE * (q - p) - x + y] += block[x, y]
                 waits = False
             if j == m:
                 break
@@ -249,22 +252,99 @@ def spline_covariances(times: FloatArray, grid: tuple[float, float], table: Floa
     D, k, _ = table.shape
     begin, spacing = grid
     out, W = np.zeros((len(times), FREE * D, FREE * D)), np.empty((D, k))
+    ahead, here = np.empty((D, FREE, FREE)), np.empty((FREE, FREE))
     for i in range(len(times)):
         place = (times[i] - begin) / spacing
         first = _span_of(place, len(Z) // FREE, k)
         _weigh(place - first, table, W)
+        of = out[i]
         for p in range(k):
-            for q in range(p, k):
-                for x in range(FREE):
-                    column, below = FREE * (first + p) + x, FREE * (q - p) - x
-                    for y in range(x if p == q else 0, FREE):
-                        z = Z[column, below + y]
-                        for d in range(D):
-                            for e in range(d, D):
-                                out[i, FREE * d + x, FREE * e + y] += W[d, p] * W[e, q] * z
-                                if below + y > 0:
-                                    out[i, FREE * d + y, FREE * e + x] += W[d, q] * W[e, p] * z
+            column = FREE * (first + p)
+            ahead[:] = 0.0
+            for x in range(FREE):
+                row = Z[column + x]
+                for y in range(x, FREE):
+                    here[x, y] = here[y, x] = row[y - x]
+                for q in range(p + 1, k):
+                    for e in range(D):
+                        weight = W[e, q]
+                        for y in range(FREE):
+                            ahead[e, x, y] += weight * row[FREE * (q - p) - x + y]
+            for d in range(D):
+                for e in range(d, D):
+                    one, other = W[d, p], W[e, p]
+                    for x in range(FREE):
+                        for y in range(FREE):
+                            of[FREE * d + x, FREE * e + y] += one * (ahead[e, x, y] + other * here[x, y]) + other * ahead[d, y, x]
         for x in range(FREE * D):
             for y in range(x):
-                out[i, x, y] = out[i, y, x]
+                of[x, y] = of[y, x]
+    return out
+
+
+@kernel
+def spline_steps(turns: FloatArray) -> FloatArray:
+    """(K - 1, 3) rotation vectors from each of K orientations (K, 4) to the next, body axes."""
+    out = np.empty((len(turns) - 1, 3))
+    for i in range(len(out)):
+        x, y, z, w = turns[i, 0], turns[i, 1], turns[i, 2], turns[i, 3]
+        other = (turns[i + 1, 0], turns[i + 1, 1], turns[i + 1, 2], turns[i + 1, 3])
+        out[i, 0], out[i, 1], out[i, 2] = log_rotation(multiply((-x, -y, -z, w), other))
+    return out
+
+
+@kernel
+def spline_moved(points: FloatArray, turns: FloatArray, by: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points (K, 3) and unit quaternions (K, 4) of control poses after displacements (K, 6)."""
+    places, turned = points + by[:, 3:], np.empty_like(turns)
+    for i in range(len(turns)):
+        x, y, z, w = multiply(exp_rotation(vec(by[i], 0)), (turns[i, 0], turns[i, 1], turns[i, 2], turns[i, 3]))
+        size = math.sqrt(x * x + y * y + z * z + w * w)
+        turned[i, 0], turned[i, 1], turned[i, 2], turned[i, 3] = x / size, y / size, z / size, w / size
+    return places, turned
+
+
+@kernel
+def spline_differences(points: FloatArray, turns: FloatArray, signs: FloatArray) -> FloatArray:
+    """(K - s + 1, 6) differences of control poses by s signs, of turns in the chart about the middle one."""
+    s = len(signs)
+    out = np.zeros((len(points) - s + 1, FREE))
+    for i in range(len(out)):
+        middle = turns[i + s // 2]
+        back = (-middle[0], -middle[1], -middle[2], middle[3])
+        for a in range(s):
+            turn = turns[i + a]
+            for x, angle in enumerate(log_rotation(multiply((turn[0], turn[1], turn[2], turn[3]), back))):
+                out[i, x] += signs[a] * angle
+                out[i, 3 + x] += signs[a] * points[i + a, x]
+    return out
+
+
+@kernel
+def add_spline_prior(signs: FloatArray, weights: FloatArray, differences: FloatArray, N: FloatArray, g: FloatArray) -> None:
+    """Add differences (r, 6) about 0, with weights (r, 6), to the normal equations of control poses: N (6 K, 6 k), g (6 K,)."""
+    s = len(signs)
+    for i in range(len(weights)):
+        for a in range(s):
+            for x in range(FREE):
+                row = FREE * (i + a) + x
+                weight = signs[a] * weights[i, x]
+                g[row] -= weight * differences[i, x]
+                for b in range(a, s):
+                    N[row, FREE * (b - a)] += weight * signs[b]
+
+
+@kernel
+def variances_of_differences(signs: FloatArray, Z: FloatArray, rows: int) -> FloatArray:
+    """(r, 6) variances of r differences of control poses by the band of their covariance (6 K, 6 k)."""
+    s = len(signs)
+    out = np.zeros((rows, FREE))
+    for i in range(rows):
+        for a in range(s):
+            for x in range(FREE):
+                row = Z[FREE * (i + a) + x]
+                total = signs[a] * row[0]
+                for b in range(a + 1, s):
+                    total += 2.0 * signs[b] * row[FREE * (b - a)]
+                out[i, x] += signs[a] * total
     return out

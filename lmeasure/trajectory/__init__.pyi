@@ -1,4 +1,6 @@
 from .curve.curve import Curve as Curve, Instants as Instants, write_curve as write_curve
+from .curve.curve_errors import ErrorsOfCurve as ErrorsOfCurve, finer_trajectory as finer_trajectory
+from .curve.curve_motion import motion_of_curve as motion_of_curve
 from .curve.fit import reconstruct_curve as reconstruct_curve
 from .faults.consistency import collect_epochs as collect_epochs
 from .faults.detectable_sizes import proposed_returns as proposed_returns

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from lmeasure.core import OtherTrajectoryError
+from lmeasure.core import OtherTrajectoryError, SettingsError
 from lmeasure.text import Message, Say, from_stated, message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import (
@@ -34,6 +34,9 @@ class Settings(Writing):
     rig: Annotated[Path | None, option("Rig of the reconstruction, if not the run's own.")] = None
     constraint: Annotated[str | None, option("Constraint of the reconstruction.")] = None
     repeatability_mm: Annotated[float, option("Standard deviation of the robot between passes, as in `reconstruct`.", ge=0.0)] = 0.0
+    continuous: Annotated[
+        bool, option("The trajectory is the curve of `reconstruct --continuous`: evaluate it between samples too, with its own errors.")
+    ] = False
     columns: Annotated[str, COLUMNS] = ""
     u_position_mm: Annotated[float | None, U_POSITION] = None
     u_rotation_deg: Annotated[float | None, U_ROTATION] = None
@@ -79,7 +82,11 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     if not settings.dcc:
         refuse(settings, "goes with --dcc", "xsd")
     if settings.run is None:
-        refuse(settings, "goes with --run", "rig", "constraint", *(("repeatability_mm",) if settings.repeatability_mm else ()))
+        refuse(
+            settings, "goes with --run", "rig", "constraint", "continuous", *(("repeatability_mm",) if settings.repeatability_mm else ())
+        )
+    if settings.continuous and settings.repeatability_mm:
+        raise SettingsError("continuous", message("curve.linear"))
     beside = ("columns", "u_position_mm", "u_rotation_deg")
     if settings.run is not None:
         refuse(settings, "is said of a trajectory from elsewhere; with --run the poses are those of its counts", *beside)
@@ -88,7 +95,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     same = ("align", "angles", "tool_offset_mm", "capability", "limit_u95_mm", "still_mm", "trials", "seed")
     own = {name: getattr(settings, name) for name in same}
     chosen = CertificationSettings(limit_angle_deg=settings.limit_deg, rule=settings.rule or template.rule or "guarded", **own)
-    measured = ("trajectory", "program", "run", "rig", "details", "constraint", "repeatability_mm", *beside)
+    measured = ("trajectory", "program", "run", "rig", "details", "constraint", "repeatability_mm", "continuous", *beside)
     inputs = Inputs(**{name: getattr(settings, name) for name in measured})
     as_written = ("key", "dcc", "xsd", "zipped", "force", "tables")
     choices = Choices(settings.language or template.language or of_terminal(), **{name: getattr(settings, name) for name in as_written})

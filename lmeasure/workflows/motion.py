@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from lmeasure.core import SettingsError, TrajectoryError
 from lmeasure.text import composed, message
-from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
+from lmeasure.workflows.flow import Progress, Result, in_run_folder, present, silent, workflow
 from lmeasure.workflows.settings import (
     ALIGN,
     ANGLES,
@@ -17,6 +17,7 @@ from lmeasure.workflows.settings import (
     Writing,
     notes_of_file,
     option,
+    refuse,
     stated_beside,
 )
 
@@ -38,6 +39,9 @@ class Settings(Writing):
     columns: Annotated[str, COLUMNS] = ""
     u_position_mm: Annotated[float | None, U_POSITION] = None
     u_rotation_deg: Annotated[float | None, U_ROTATION] = None
+    run: Annotated[
+        Path | None, option("Run folder of a trajectory from `reconstruct --continuous`: take the motion from its curve.", metavar="RUN")
+    ] = None
     angles: Annotated[str | None, ANGLES] = None
     align: Annotated[Path | None, ALIGN] = None
     half_width_s: Annotated[
@@ -50,7 +54,8 @@ class Settings(Writing):
 
     def paths(self) -> Paths:
         """A motion from a trajectory."""
-        return Paths((self.out,), (self.trajectory, *present(self.align)))
+        counts = () if self.run is None else in_run_folder(self.run)
+        return Paths((self.out,), (self.trajectory, *present(self.align), *counts))
 
 
 @workflow
@@ -60,8 +65,12 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
 
     from lmeasure.core import QUATERNION_COLUMNS
     from lmeasure.iso9283 import in_program_frame
-    from lmeasure.trajectory import motion_of, read_trajectory, write_motion
+    from lmeasure.recording import read_run
+    from lmeasure.trajectory import motion_of, motion_of_curve, read_trajectory, reconstruct_curve, write_motion
 
+    if settings.run is not None:
+        beside = ("columns", "u_position_mm", "u_rotation_deg", "align", "half_width_s")
+        refuse(settings, "does not go with --run: the curve of its counts says all", *beside)
     progress(0.0, "motion")
     trajectory = read_trajectory(settings.trajectory, stated_beside(settings))
     if settings.align is not None:
@@ -70,7 +79,11 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
     if settings.half_width_s is not None and settings.half_width_s > lasts > 0.0:
         raise SettingsError("half_width_s", message("error.s_to_either_side", half_width_s=settings.half_width_s, lasts=lasts))
     try:
-        found = motion_of(trajectory, settings.half_width_s)
+        if settings.run is None:
+            found = motion_of(trajectory, settings.half_width_s)
+        else:
+            of_run, curve = reconstruct_curve(read_run(settings.run))
+            found = motion_of_curve(trajectory, curve, of_run)
     except TrajectoryError as error:
         raise TrajectoryError(composed("{where}: {error}", where=settings.trajectory, error=error)) from None
     progress(1.0, "motion")
@@ -78,7 +91,11 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
     largest, u95 = found.largest_speed()
     way = float(np.nanmax(found.path_mm))
     reported: str = message(
-        "workflows.samples_window_s_path", samples=len(found.time_s), window=found.half_width_s, path=way, speed=largest
+        "workflows.samples_window_s_path" if settings.run is None else "workflows.samples_of_curve",
+        samples=len(found.time_s),
+        window=found.half_width_s,
+        path=way,
+        speed=largest,
     )
     figures = {"path_mm": way, "largest_speed_mm_s": largest, "half_width_s": found.half_width_s, "highest_hz": found.highest_hz}
     figures |= {f"vibration_{i}_{v.axis}_{name}": value for i, v in enumerate(found.vibration, 1) for name, value in v.values().items()}
@@ -97,8 +114,9 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
         notes.append(message("workflows.no_robot_moves_m", speed=largest / 1000.0))
     if not turned:
         notes.append(message("workflow.no_orientation", named=tuple(QUATERNION_COLUMNS)))
+    above = () if settings.run is not None else (_above(found),)
     more = tuple(message("line.note", text=note) for note in notes)
-    return Result(found, (reported, *map(_line, found.vibration), _above(found), *lines, *more), figures, (*warnings, *more))
+    return Result(found, (reported, *map(_line, found.vibration), *above, *lines, *more), figures, (*warnings, *more))
 
 
 def _line(v: "Vibration") -> str:

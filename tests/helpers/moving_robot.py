@@ -186,3 +186,66 @@ def errors(motion: Motion, time_s: FloatArray, found: Any) -> list[FloatArray]:
     turned = (turn * Rotation.from_quat(found.poses[:, 3:]).inv()).as_rotvec()
     out = [np.hstack([turned, place - found.poses[:, :3]])]
     return [*out, *(rate - found.rates[:, d] for d, rate in enumerate((velocity, acceleration)[: found.rates.shape[1] - 1], 1))]
+
+
+class Cornering:
+    """Cycles along x, round a corner that the tool passes at a distance, along y and back: at constant speed between, from rest to rest.
+
+    At its end the tool swings along x by up to swing_mm, and rests.
+    """
+
+    LEG_MM, RUN_UP_MM = 120.0, 40.0
+
+    def __init__(self, cycles: int, speed: float = 240.0, distance: float = 2.0, begin_s: float = 0.3, swing_mm: float = 0.0) -> None:
+        rest_s = 0.6
+        self.speed, self.cycles, self.begin_s, self.swing_mm = speed, cycles, begin_s, swing_mm
+        self.radius = distance / (np.sqrt(2.0) - 1.0)
+        self.straight, self.arc = self.LEG_MM - self.radius, 0.5 * np.pi * self.radius
+        self.way = 2.0 * self.straight + self.arc
+        self.ramp_s = 2.0 * self.RUN_UP_MM / speed
+        self.run_s = 2.0 * self.ramp_s + (self.way - 2.0 * self.RUN_UP_MM) / speed
+        self.back_s = 1.2
+        self.period_s = self.run_s + self.back_s + 2.0 * rest_s
+        self.rest_s, self.lasts_s = rest_s, begin_s + cycles * self.period_s
+
+    @property
+    def corner(self) -> FloatArray:
+        """(3,) the commanded corner [mm]."""
+        return np.array([self.LEG_MM, 0.0, 0.0])
+
+    def windows(self) -> list[tuple[float, float]]:
+        """Times in which the cycles run from start to end."""
+        starts = self.begin_s + np.arange(self.cycles) * self.period_s
+        return [(float(t), float(t + self.run_s)) for t in starts]
+
+    def _along(self, s: FloatArray) -> FloatArray:
+        """Places (n, 3) at ways (n,)."""
+        turn = np.clip((s - self.straight) / self.radius, 0.0, 0.5 * np.pi)
+        x = np.minimum(s, self.straight) + self.radius * np.sin(turn)
+        y = self.radius * (1.0 - np.cos(turn)) + np.maximum(s - self.straight - self.arc, 0.0)
+        return np.stack([x, y, np.zeros_like(s)], axis=1)
+
+    def at(self, time_s: FloatArray) -> Instants:
+        """Return places and turns as `Motion.at` does; velocities and accelerations by differences."""
+        here, step = self.places(time_s), 1e-4
+        before, behind = self.places(time_s - step), self.places(time_s + step)
+        rates = np.zeros((2, len(time_s), 6))
+        rates[0, :, 3:], rates[1, :, 3:] = (behind - before) / (2.0 * step), (behind - 2.0 * here + before) / step**2
+        return here, Rotation.identity(len(time_s)), rates[0], rates[1]
+
+    def places(self, time_s: FloatArray) -> FloatArray:
+        """Return (n, 3) places [mm] at times (n,)."""
+        t = np.clip(time_s - self.begin_s, 0.0, self.lasts_s - self.begin_s - 1e-9) % self.period_s
+        t = np.where(time_s < self.begin_s, 0.0, t)
+        # speeds rise and fall as cosines
+        up, down = np.minimum(t, self.ramp_s), np.clip(t - self.run_s + self.ramp_s, 0.0, self.ramp_s)
+
+        def risen(u: FloatArray) -> FloatArray:
+            return np.asarray(0.5 * self.speed * (u - self.ramp_s / np.pi * np.sin(np.pi * u / self.ramp_s)))
+
+        s = risen(up) + self.speed * np.clip(t - self.ramp_s, 0.0, self.run_s - 2.0 * self.ramp_s) + self.speed * down - risen(down)
+        back = np.clip((t - self.run_s - self.rest_s) / self.back_s, 0.0, 1.0)
+        part = back**4 * (35.0 - 84.0 * back + 70.0 * back**2 - 20.0 * back**3)
+        since = t - self.run_s - 0.12
+        swing = self.swing_mm * np.exp(-((since / 0.05) ** 2)) * np.cos(2.0 * np.pi * 8.0 * since)
+        return np.asarray((1.0 - part)[:, None] * self._along(s) + swing[:, None] * np.array([1.0, 0.0, 0.0]))

@@ -84,7 +84,8 @@ def counts_from_frames(
         wanted = f"SYNC {table.sync_id:#x}" if table.timing == "sync" else f"frame of channel {fields[0].channel}"
         raise AcquisitionError(message("error.frames_but_no_among", where=source, frames=frames, wanted=wanted))
     channels = tuple(f.channel for f in fields)
-    counts = Counts(samples.time_s, channels, samples.recorded, samples.start_input, source, samples.u_time_s)
+    recorded, stamp_s = (samples.recorded, None) if samples.frames is None else samples.frames
+    counts = Counts(samples.time_s, channels, recorded, samples.start_input, source, samples.u_time_s, stamp_s=stamp_s)
     marked = mark_stalls(rig, counts, assembler.events, passage)
     return Assembled(counts if marked is None else marked, assembler.events, frames)
 

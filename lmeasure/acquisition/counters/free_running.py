@@ -15,6 +15,8 @@ from lmeasure.acquisition.counters.samples import LONGEST_HOLD_S, PERIODS, Sampl
 from lmeasure.core import BoolArray, FloatArray, IntArray
 
 NO_SYNC = -1
+APART_S = 2e-6
+"""Between the frames of two samples at least: files keep microseconds."""
 LONGEST_GAP = 2.5
 """Periods between two readings of a channel over which its count is still interpolated."""
 WAIT_S = 1.0
@@ -62,6 +64,8 @@ class FreeAssembler:
         self._instant = np.full(m, np.nan)
         """When the last reading of each channel came at the latest."""
         self._given_to = -math.inf
+        self._used_s = np.full(m, -math.inf)
+        """When the last frame of each channel came that a sample has as its own."""
         self._started: tuple[FloatArray, FloatArray] = (np.full(1, -math.inf), np.zeros(1))
         """When the state of the start input was reported, and which it was; the first is that before all frames."""
 
@@ -198,9 +202,12 @@ class FreeAssembler:
         n, m = len(time_s), len(self.fields)
         self._say(time_s, last)
         recorded = np.full((n, m), np.nan)
+        own, at_s = np.full((n, m), np.nan), np.tile(time_s[:, None], (1, m))
         for i in range(m):
             times, counts = self._old[i]
             silent = np.zeros(n, np.bool_)
+            if n:
+                own[:, i], at_s[:, i] = self._own_frames(i, time_s)
             if len(times) and n:
                 between, silent = self._interpolated(i, time_s)
                 recorded[:, i] = self.counters[i].shown(between)
@@ -220,7 +227,34 @@ class FreeAssembler:
             keep = max(int(np.searchsorted(times, horizon, side="right")) - 1, 0)
             self._started = times[keep:], self._started[1][keep:]
         skew = math.sqrt(float(np.mean(self._scatter**2)))
-        return Samples(time_s, recorded, start, np.full(n, skew))
+        return Samples(time_s, recorded, start, np.full(n, skew), (own, at_s))
+
+    def _own_frames(self, i: int, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the counts (n,) of the frames of a channel next to the times (n,), each frame once, and when they came, increasing."""
+        times, counts = self._old[i]
+        half = 0.5 * (self._period[0] or math.inf)
+        if not len(times):
+            return np.full(len(time_s), np.nan), time_s.copy()
+        near = np.maximum(np.searchsorted(times, time_s - half), np.searchsorted(times, self._used_s[i], side="right"))
+        there = (near < len(times)) & (times[np.minimum(near, len(times) - 1)] < time_s + half)
+        if not (np.diff(near) > 0).all():
+            # several samples have the same frame next to them: the first takes it, the next one another if there is one
+            following = 0
+            for row, first in enumerate(near.tolist()):
+                k = max(first, following)
+                near[row], there[row] = k, k < len(times) and times[k] < time_s[row] + half
+                following = k + 1 if there[row] else following
+        near = np.minimum(near, len(times) - 1)
+        at_s = np.where(there, times[near], time_s)
+        late = np.flatnonzero(np.diff(at_s, prepend=self._used_s[i]) < APART_S)
+        if len(late):
+            # a frame between two samples belongs to the first
+            for k in range(int(late[0]), len(at_s)):
+                before = at_s[k - 1] if k else self._used_s[i]
+                if at_s[k] < before + APART_S:
+                    there[k], at_s[k] = False, max(time_s[k], before + APART_S)
+        self._used_s[i] = at_s[-1]
+        return np.where(there, self.counters[i].shown(counts[near]), np.nan), at_s
 
     def _interpolated(self, i: int, time_s: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Counts at the times (n,), and where there is none because a reading beside has none."""

@@ -65,24 +65,28 @@ class Samples:
     """Hold samples that are ready to be written.
 
     time_s (n,); recorded (n, m) counts, NaN if there is none; start_input (n,) 0 or 1 if the rig has one; u_time_s (n,) standard
-    uncertainty of the channels' instants relative to the sample's, unless all were latched together.
+    uncertainty of the channels' instants relative to the sample's, unless all were latched together; frames: then the channels' own counts
+    (n, m), NaN where a sample has none, and when these came (n, m).
     """
 
     time_s: FloatArray
     recorded: FloatArray
     start_input: FloatArray | None = None
     u_time_s: FloatArray | None = None
+    frames: tuple[FloatArray, FloatArray] | None = None
 
 
 def joined(parts: Sequence[Samples]) -> Samples:
     """Return the samples of one assembler, one part after the other."""
     start = [p.start_input for p in parts if p.start_input is not None]
     skew = [p.u_time_s for p in parts if p.u_time_s is not None]
+    frames = [p.frames for p in parts if p.frames is not None]
     return Samples(
         np.concatenate([p.time_s for p in parts]),
         np.vstack([p.recorded for p in parts]),
         np.concatenate(start) if start else None,
         np.concatenate(skew) if skew else None,
+        (np.vstack([own for own, _ in frames]), np.vstack([at_s for _, at_s in frames])) if frames else None,
     )
 
 

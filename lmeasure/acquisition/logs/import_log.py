@@ -173,7 +173,8 @@ def _import_log(
             reported += f"; `lmeasure import {pasted(log)} --scan` lists what they carry"
             raise AcquisitionError(message("error.channel", where=log, channel=one.channel, reported=reported))
     start_s = float(assembled.counts.time_s[0])
-    counts = replace(assembled.counts, time_s=assembled.counts.time_s - start_s)
+    own_s = assembled.counts.stamp_s
+    counts = replace(assembled.counts, time_s=assembled.counts.time_s - start_s, stamp_s=None if own_s is None else own_s - start_s)
     digest = files.sha256(log)
     return ImportedLog(log, digest, counts, start_s, report, survey, assembled.events, fields)
 

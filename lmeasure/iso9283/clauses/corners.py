@@ -101,6 +101,7 @@ class Passing:
     ends: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     about_mm: float = 0.0
     chords: Chords | None = None
+    of_curve: bool = False
 
     def unseen(self, corner: Corner, covariance: FloatArray, u_time_s: float) -> tuple[FloatArray, float]:
         """How far (3,) [mm] the nearest point may be off along its direction from the corner, and how far beyond its samples [mm] the path
@@ -110,7 +111,7 @@ class Passing:
         bound, where = self.hidden.bound(covariance, u_time_s)
         distance = float(np.linalg.norm(self.nearest))
         known = read_at_corner(distance, self.about_mm, float(corner.incoming @ corner.outgoing))
-        off = max(float(np.linalg.norm(bound[:3], axis=1).max()), known)
+        off = known if self.of_curve else max(float(np.linalg.norm(bound[:3], axis=1).max()), known)
         if self.chords is not None:
             outside = float(self.nearest @ (corner.incoming - corner.outgoing)) > 0.0
             nearest, farthest = self.chords.passes(float(np.sqrt(np.trace(covariance))), u_time_s, outside=outside)
@@ -118,6 +119,10 @@ class Passing:
         apex = (self.ends[:-1] + where[:, None] * np.diff(self.ends, axis=0) + bound) @ corner.side
         there = np.linalg.norm(bound, axis=1) > 0.0
         beyond = float(apex[there].max(initial=-np.inf)) - max(float(self.beyond.max()), 0.0)
+        if self.of_curve and there.any():
+            # a curve that goes farther than the samples about a kink may swing there
+            farther = float(self.beyond.max()) - max(float((self.ends @ corner.side).max()), 0.0)
+            beyond = max(beyond, min(EDGE * farther, float(np.linalg.norm(bound, axis=1).max())))
         return self.nearest / max(distance, 1e-300) * off, max(beyond, 0.0)
 
 
@@ -143,10 +148,17 @@ def at_corner(cycle: Cycle, corner: Corner, what: str) -> Passing:
     step = float(np.median(np.linalg.norm(np.diff(after, axis=0), axis=1)))
     part_of_step = (nearest + float(part[nearest])) % FINER / FINER
     behind = slice(int(near[0]) + i, int(near[-1]) + 1)
-    times = cycle.time_s[near[0] : near[-1] + 1]
-    begin, last = max(i - 1, 0), len(positions) - 1
-    every = np.linalg.norm(np.diff(positions[max(i - 2, 0) : i + 4], axis=0), axis=1)
-    hidden = between(times, positions)[np.arange(begin, last)]
+    # what hides, hides between the samples that were measured
+    read = cycle.measured
+    read = read[(read >= near[0]) & (read <= near[-1])] - near[0]
+    read = np.arange(len(positions)) if len(read) < 2 else read
+    measured, times = positions[read], cycle.time_s[near[0] + read]
+    j = max(int(np.searchsorted(read, i, side="right")) - 1, 0)
+    begin, last = min(max(j - 1, 0), len(read) - 2), len(read) - 1
+    every = np.linalg.norm(np.diff(measured[max(j - 2, 0) : j + 4], axis=0), axis=1)
+    hidden = between(times, measured)[np.arange(begin, last)]
+    middle = max(int(np.searchsorted(read, closest, side="right")) - 1, 0)
+    about = slice(max(middle - NEAR, 0), middle + NEAR + 1)
     return Passing(
         nearest=feet[nearest],
         part=part_of_step,
@@ -155,9 +167,10 @@ def at_corner(cycle: Cycle, corner: Corner, what: str) -> Passing:
         neighbours=size,
         step_mm=step,
         hidden=hidden,
-        ends=positions[begin:],
-        about_mm=float(every.max()),
-        chords=Chords.about(times[first : closest + NEAR + 1], positions[first : closest + NEAR + 1]),
+        ends=measured[begin:],
+        about_mm=float(every.max(initial=0.0)),
+        chords=Chords.about(times[about], measured[about]),
+        of_curve=cycle.read is not None,
     )
 
 
@@ -170,11 +183,13 @@ def passings(crossings: Crossings) -> Iterator[tuple[Corner, tuple[Passing, ...]
 
 @dataclass(frozen=True, kw_only=True)
 class CornerTest(IsoTest):
-    """CR and CO of a corner of a path, which its cycles passed (n,) at samples (n,)."""
+    """CR and CO of a corner of a path, which its cycles passed (n,) at samples (n,); behind: the samples of each behind it, as many as its
+    `Passing.beyond` has places."""
 
     corner: Corner
     passed: tuple[Passing, ...]
     at: IntArray
+    behind: tuple[IntArray, ...] = ()
     u_time_s: float = 0.0
 
     @property
@@ -186,14 +201,16 @@ class CornerTest(IsoTest):
         return self.at
 
     def parts(self, errors: SampleErrors) -> dict[Subject, Part]:
-        return {self.key: CornerPart(self.corner, self.passed, errors(self.at), self.u_time_s)}
+        of_cycles = errors(self.at)
+        every = errors(np.concatenate([self.at, *self.behind])) if of_cycles.joint else None
+        return {self.key: CornerPart(self.corner, self.passed, of_cycles, self.u_time_s, every)}
 
     def figures(self) -> list[Figure]:
         key = self.key
         make = Maker(cycles=len(self.passed), needs=(self.subject,), path=key.name, part=f"corner {self.corner.number}")
         return [
-            make.one("CR", "8.5", "mm", lambda s: iso.cornering_round_off(s[key][0])),
-            make.one("CO", "8.5", "mm", lambda s: iso.cornering_overshoot(s[key][1], np.ones(1))),
+            make.one("CR", "8.5", "mm", lambda s: iso.cornering_round_off(s[key][0]), extreme=True),
+            make.one("CO", "8.5", "mm", lambda s: iso.cornering_overshoot(s[key][1], np.ones(1)), extreme=True),
         ]
 
 
@@ -202,12 +219,18 @@ def tests(attained: Attainment) -> Iterator[CornerTest]:
     for name, crossed in attained.paths.items():
         for corner, passed in passings(crossed):
             at = np.array([c.samples[p.behind.start] for c, p in zip(crossed.cycles, passed, strict=True)], dtype=np.int64)
-            yield CornerTest(subject=Subject("path", name), corner=corner, passed=passed, at=at, u_time_s=attained.stamps.u_time_s)
+            behind = tuple(
+                c.samples[p.behind][p.neighbours // 2 :: p.neighbours][: len(p.beyond)] for c, p in zip(crossed.cycles, passed, strict=True)
+            )
+            yield CornerTest(
+                subject=Subject("path", name), corner=corner, passed=passed, at=at, behind=behind, u_time_s=attained.stamps.u_time_s
+            )
 
 
 @dataclass(frozen=True)
 class CornerPart:
-    """What n cycles do at a corner with the law of the errors of one sample there (n poses); see `uncertainty.Part`.
+    """What n cycles do at a corner with the law of the errors of one sample there (n poses); see `uncertainty.Part`. every: of a curve, the
+    errors of the nearest samples and of all behind them.
 
     The state is the vectors (..., n, 3) [mm] to the nearest points, and how far beyond the second line (..., n, k, 1) [mm] the path lies:
     between samples about the farthest, and at all other samples that may be the farthest in truth.
@@ -217,6 +240,8 @@ class CornerPart:
     passed: tuple[Passing, ...]
     of_cycles: PoseErrors
     u_time_s: float = 0.0
+    every: PoseErrors | None = None
+    _used: list[IntArray] = field(init=False, default_factory=list)
     _about: list[FloatArray] = field(init=False, default_factory=list)
     _others: list[FloatArray] = field(init=False, default_factory=list)
     _share: list[FloatArray] = field(init=False, default_factory=list)
@@ -226,17 +251,25 @@ class CornerPart:
         across = np.einsum("i,nij->nj", side, e.own[:, 3:])
         random = (across**2).sum(axis=1)
         common = ((side @ e.factors[:, 3:]) ** 2).sum(axis=1)
-        rows = []
+        rows, first = [], len(self.passed)
         for cycle, p in enumerate(self.passed):
-            kept = float(kept_over(e, np.array([p.step_mm]))[cycle])
-            of_mean = kept + (1.0 - kept) / p.neighbours
+            root = None
+            if self.every is None:
+                kept = float(kept_over(e, np.array([p.step_mm]))[cycle])
+                of_mean = kept + (1.0 - kept) / p.neighbours
+            else:
+                of_mean, there = 1.0, self.every[np.arange(first, first + len(p.beyond))]
+                root = np.einsum("i,nij->nj", side, np.concatenate([there.local[:, 3:], there.shared[:, 3:]], axis=2))
+                random[cycle] = ((side @ there.own[:, 3:]) ** 2).sum(axis=1).mean() + (root**2).sum(axis=1).mean()
             self._share.append(np.array(of_mean))
-            likely = _likely(p.beyond, of_mean * random[cycle], common[cycle])
+            likely = _likely(p.beyond, of_mean * random[cycle], common[cycle], root)
             top = int(np.argmax(p.beyond))
             begin = int(np.clip(top - ABOUT, 0, max(len(likely) - 2 * ABOUT - 1, 0)))
             about = np.minimum(begin + np.arange(2 * ABOUT + 1), len(likely) - 1)
             reach = REACH * np.sqrt(of_mean * random[cycle])
             others = np.setdiff1d(np.flatnonzero(likely >= likely.max() - reach), about)
+            self._used.append(first + np.concatenate([about, others]))
+            first += len(p.beyond)
             rows.append((np.stack([p.beyond, likely]), about, others))
         most = max(len(others) for _, _, others in rows)
         for state in (0, 1):
@@ -255,11 +288,18 @@ class CornerPart:
     def errors(self) -> PoseErrors:
         """Of the n nearest points, read between samples, and the n k others: the largest of many is larger than what they are of."""
         n, k = len(self.passed), self._about[0].shape[1] + self._others[0].shape[1]
+        if self.every is not None:
+            # rows that others fill have no size: any errors do
+            used = [np.pad(of, (0, k - len(of)), mode="edge") for of in self._used]
+            return self._hidden(self.every[np.concatenate([np.arange(n), *used])], k)
         every = self.of_cycles[np.concatenate([np.arange(n), np.repeat(np.arange(n), k)])]
         of_one = np.concatenate([share(np.array([p.part for p in self.passed])), np.repeat(np.array(self._share), k)])
         # means of several roundings are nearly normal, and have longer tails than one
         single = all(p.neighbours == 1 for p in self.passed)
         read = replace(every, own=np.sqrt(of_one)[:, None, None] * every.own, rounded=every.rounded and single)
+        return self._hidden(read, k)
+
+    def _hidden(self, read: PoseErrors, k: int) -> PoseErrors:
         unseen = [p.unseen(self.corner, c, self.u_time_s) for p, c in zip(self.passed, of_samples(self.of_cycles), strict=True)]
         beyond = np.repeat([b for _, b in unseen], k)[:, None] * self.corner.side
         return with_hidden(read, np.zeros((len(read), 3)), np.concatenate([np.array([off for off, _ in unseen]), beyond]))
@@ -273,8 +313,8 @@ class CornerPart:
         return nearest, np.concatenate([fine, (others + away[..., about.shape[1] :])[..., None]], axis=-2)
 
 
-def _likely(beyond: FloatArray, random: float, common: float) -> FloatArray:
-    """(k,) deviations as likely as those measured (k,), which err by a random variance each and a common one.
+def _likely(beyond: FloatArray, random: float, common: float, root: FloatArray | None = None) -> FloatArray:
+    """(k,) deviations as likely as those measured (k,), which err by a random variance each and a common one, or by root z, root (k, q).
 
     Where the path comes from, on the inner side, it may jump, and nothing there can be the farthest beyond: waves are of what follows. A
     robot that is seen no farther beyond than errors alone would make of one that stays on the line is taken for such a one.
@@ -286,6 +326,8 @@ def _likely(beyond: FloatArray, random: float, common: float) -> FloatArray:
         waves = scipy.fft.dct(beyond[part], norm="ortho")[:, None, None]
         added = np.full((len(waves), 1), random)
         added[0] += len(waves) * common
+        if root is not None:
+            added = (scipy.fft.dct(root[part], axis=0, norm="ortho") ** 2).sum(axis=1, keepdims=True)
         of_errors = np.sqrt(random) * scipy.stats.norm.isf(CHANCE / len(waves)) + np.sqrt(common) * scipy.stats.norm.isf(CHANCE)
         likely = np.asarray(scipy.fft.idct(less(waves, added, 1, DOUBT_OF_MEAN)[:, 0, 0], norm="ortho"))
         if beyond.max() <= of_errors:

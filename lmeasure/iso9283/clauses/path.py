@@ -61,7 +61,7 @@ class PathTest(IsoTest):
         key, c = self.subject, self.crossings
         n, turns = c.time_s.shape[1], c.line.path.quaternion_xyzw is not None and not np.isnan(c.attained[0, 0, 3])
         make = Maker(cycles=n, needs=(key,), path=key.name, angles=self.convention)
-        out = [make.one("AT_p", self.clause, "mm", lambda s: iso.path_accuracy(s[key].position))]
+        out = [make.one("AT_p", self.clause, "mm", lambda s: iso.path_accuracy(s[key].position), extreme=True)]
         if self.convention is not None:
             out += make.components("AT", self.clause, lambda s: iso.path_orientation_accuracy(s[key].angles_deg), ANGLES)
         if turns:
@@ -166,6 +166,15 @@ class PathPart:
         waves = np.einsum("pq,qnc->pnc", along, values)
         mean = waves.mean(axis=1, keepdims=True)
         likely = reduced(mean, added / n + (common**2).sum(axis=2), 1, DOUBT_OF_MEAN)
+        if self.errors.joint and n > 1:
+            # cycles of a curve err each on its own all along
+            of_cycles = self.errors.factors.reshape(m, n, 6, -1)
+            apart = np.einsum(
+                "qm,mnl->qnl",
+                along @ rows,
+                np.einsum("mci,mnil->mncl", to, of_cycles - of_cycles.mean(axis=1, keepdims=True)).reshape(m, n, -1),
+            )
+            added = added + (apart.reshape(len(apart), n, to.shape[1], -1) ** 2).sum(axis=(1, 3)) / (n - 1)
         likely = likely + reduced(waves - mean, added, max(n - 1, 1), DOUBT_OF_SCATTER)
         return np.einsum("pq,pnc->qnc", along, likely)
 

@@ -213,7 +213,8 @@ def _farthest(cycles: tuple[Weave, ...]) -> list[FloatArray]:
 
 def _of_every_other(crossed: Crossings, stroke_mm: float) -> tuple[Weave, ...] | None:
     """The weaves that every other sample of each cycle shows."""
-    cycles = tuple(Cycle(c.samples[::2], c.time_s[::2], c.poses[::2], c.way_mm[::2]) for c in crossed.cycles)
+    every = [c.measured[::2] for c in crossed.cycles]
+    cycles = tuple(Cycle(c.samples[r], c.time_s[r], c.poses[r], c.way_mm[r]) for c, r in zip(crossed.cycles, every, strict=True))
     try:
         return tuple(weaves(replace(crossed, cycles=cycles), stroke_mm))
     except CertificationError:

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import QUATERNION_COLUMNS, DataFrame, FloatArray, IntArray, Shown, TrajectoryError, framed
 from lmeasure.io import files
-from lmeasure.kernels import spline_covariances, spline_poses
+from lmeasure.kernels import spline_covariances, spline_poses, spline_steps
 from lmeasure.recording import POSITION_COLUMNS
 from lmeasure.text import message
 
@@ -52,12 +52,6 @@ def tables(spacing_s: float) -> tuple[FloatArray, FloatArray]:
     """Return (4, k, k) polynomials of basis functions and of their sums from each on, derivatives by time."""
     own = basis_polynomials() / spacing_s ** np.arange(RATES + 1.0)[:, None, None]
     return own, np.ascontiguousarray(np.cumsum(own[:, ::-1], axis=1)[:, ::-1])
-
-
-def steps_of(turns: FloatArray) -> FloatArray:
-    """Return (K - 1, 3) rotation vectors from each of K orientations to the next, body axes."""
-    every = Rotation.from_quat(turns)
-    return np.asarray((every[:-1].inv() * every[1:]).as_rotvec())
 
 
 @dataclass(frozen=True, repr=False)
@@ -134,10 +128,14 @@ class Curve(Shown):
     """(K, 4) their orientations, unit quaternions."""
     band: FloatArray
     """(6 K, 36) band of the covariance of their displacements, by the readings' own errors."""
+    factor: FloatArray
+    """(6 K, 36) band of the Cholesky factor of the inverse of this covariance: element (c + d, c) at [c, d]."""
     shared: FloatArray
     """(K, 6, b) their displacement by one standard deviation of each variable that the run shares."""
     sources: tuple[str, ...]
     """Source of each of these variables."""
+    assumed: tuple[str, ...]
+    """Key of the typical size that each of these variables is; empty of what is stated or calibrated."""
     channels: tuple[str, ...]
     """Names of the channels, m."""
     clocks_s: FloatArray
@@ -203,8 +201,8 @@ class Curve(Shown):
             raise TrajectoryError(message("curve.outside", at_s=at, begin_s=self.begin_s, end_s=self.end_s))
         return time_s
 
-    def _weights(self, time_s: FloatArray, rates: int) -> tuple[IntArray, FloatArray, FloatArray]:
-        """First control poses (n,), weights (1 + rates, n, k) and cumulative weights."""
+    def weights(self, time_s: FloatArray, rates: int) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return the first control poses (n,) of times (n,), weights (1 + rates, n, k) and cumulative weights."""
         place = (time_s - self.begin_s) / self.spacing_s
         first = np.clip(np.floor(place).astype(np.int64), 0, len(self.points) - ORDER)
         powers = (place - first)[:, None] ** np.arange(ORDER)
@@ -213,13 +211,15 @@ class Curve(Shown):
 
     def _poses(self, time_s: FloatArray) -> FloatArray:
         own, cumulative = tables(self.spacing_s)
-        return np.asarray(spline_poses(time_s, self._grid, (own[:2], cumulative[:2]), self.points, self.turns, steps_of(self.turns)))
+        return np.asarray(
+            spline_poses(time_s, self._grid, (own[:2], cumulative[:2]), self.points, self.turns, np.asarray(spline_steps(self.turns)))
+        )
 
     def _rates(self, time_s: FloatArray, rates: int) -> FloatArray:
         """(n, 1 + rates, 6) derivatives in base axes, zeros for none."""
-        first, weights, cumulative = self._weights(time_s, rates)
+        first, weights, cumulative = self.weights(time_s, rates)
         places = np.einsum("dnp,npx->dnx", weights, self.points[first[:, None] + np.arange(ORDER)])
-        turn, steps = Rotation.from_quat(self.turns[first]), steps_of(self.turns)
+        turn, steps = Rotation.from_quat(self.turns[first]), np.asarray(spline_steps(self.turns))
         body = np.zeros((RATES, len(time_s), 3))
         for j in range(1, ORDER):
             i = first + j - 1
@@ -242,14 +242,14 @@ class Curve(Shown):
         poses, moving = self._poses(time_s), np.zeros((len(time_s), 1, 6))
         n, D = len(time_s), 1 + rates
         joint = spline_covariances(time_s, self._grid, tables(self.spacing_s)[0][:D], self.band)
-        first, weights, _ = self._weights(time_s, rates)
+        first, weights, _ = self.weights(time_s, rates)
         shared = np.einsum("dnp,npxb->ndxb", weights, self.shared[first[:, None] + np.arange(ORDER)])
         if rates:
             moving = self._rates(time_s, rates)
             T = _errors_of_rates(moving)
             joint = T @ joint @ np.swapaxes(T, 1, 2)
             shared = (T @ shared.reshape(n, 6 * D, -1)).reshape(shared.shape)
-        random = np.stack([joint[:, 6 * d : 6 * d + 6, 6 * d : 6 * d + 6] for d in range(D)], axis=1)
+        random = np.einsum("ndxdy->ndxy", joint.reshape(n, D, 6, D, 6))
         return poses, moving, random, shared
 
 

@@ -10,7 +10,8 @@ The fourth differences of the control poses are normal about 0, of variance v(i)
 that wanders. v maximises the evidence: v = sum K (D c)^2 / sum K (1 - var(D c) / v) (MacKay 1992), K a bell of `BELL` knots. So the curve
 is stiff where the robot rests and yields where it jerks, and a gap is bridged with the uncertainty that the motion about it has. As the
 posterior of a Gaussian prior it covers on average over the run (Nychka, JASA 1988). The spacing of the knots has the largest evidence among
-those by powers of two, on a part of the run, and is halved once more: the spline's own error then falls by 2^6, below its uncertainty.
+those by powers of two, on a part of the run, or is wider and about as likely. It is halved once more: the spline's own error then falls by
+2^6, below its uncertainty.
 
 Solution
 --------
@@ -33,14 +34,23 @@ from math import comb
 import numpy as np
 import scipy
 from scipy.ndimage import gaussian_filter1d
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Slerp
 
 from lmeasure.core import FloatArray, Status, TrajectoryError, se3, symmetric_root
-from lmeasure.kernels import band_inverse, changes_from_counts, spline_equations
+from lmeasure.kernels import (
+    add_spline_prior,
+    band_inverse,
+    changes_from_counts,
+    spline_differences,
+    spline_equations,
+    spline_moved,
+    spline_steps,
+    variances_of_differences,
+)
 from lmeasure.recording import Run
 from lmeasure.sensors import Lengths, rounding_variance
 from lmeasure.text import Message, message
-from lmeasure.trajectory.curve.curve import ORDER, Curve, steps_of, tables
+from lmeasure.trajectory.curve.curve import ORDER, Curve, tables
 from lmeasure.trajectory.faults.redundancy import repeats
 from lmeasure.trajectory.files.trajectory import Trajectory
 from lmeasure.trajectory.reconstruction.runs import Judge, prepare, with_evidence
@@ -50,9 +60,9 @@ from lmeasure.trajectory.uncertainty.sources import Situation, Source
 
 DIFFERENCES = 4
 """Of the control poses, that are white: snap."""
-BELL = 5.0
+BELL = 2.0
 """Knots, one standard deviation, over which the size of the snap is estimated."""
-ANYWHERE = 0.02
+ANYWHERE = 1e-5
 """Of the weight of that estimate: the whole run's."""
 ROUNDS, SETTLED = 20, 1e-5
 """Most rounds of Gauss-Newton, and the mean squared part of an unknown in the last step, in standard uncertainties."""
@@ -65,7 +75,9 @@ CHOSEN_BY = 3000
 WIDEST = 8
 """Intervals that the run, or that part, has at least."""
 FARTHEST = 2
-"""Spacings worse than the one before after which no finer one is tried."""
+"""Spacings worse than the best after which no finer one is tried."""
+ALIKE = 10.0
+"""Logarithm of the evidence by which a spacing may be worse than the best: it is halved."""
 CHUNK = 4096
 U_CLOCK_RATE = 1e-4
 """Of a clock whose rate nobody states: that of a quartz in its worst climate."""
@@ -111,24 +123,18 @@ class Control:
     """Control poses with the variances of their fourth differences (K - 4, 6), and what the shared variables are."""
 
     points: FloatArray
-    turns: Rotation
+    turns: FloatArray
+    """(K, 4) unit quaternions."""
     snap: FloatArray
     variables: FloatArray
 
     def differences(self) -> FloatArray:
         """Return (K - 4, 6) fourth differences, of turns in the chart about the middle one."""
-        K, middle = len(self.points), DIFFERENCES // 2
-        out = np.zeros((K - DIFFERENCES, 6))
-        about = self.turns[middle : K - DIFFERENCES + middle].inv()
-        for i, d in enumerate(_SIGNS):
-            out[:, :3] += d * (self.turns[i : K - DIFFERENCES + i] * about).as_rotvec()
-            out[:, 3:] += d * self.points[i : K - DIFFERENCES + i]
-        return out
+        return np.asarray(spline_differences(self.points, self.turns, _SIGNS))
 
     def moved(self, by: FloatArray) -> None:
         """Move the control poses by displacements (K, 6)."""
-        self.points = self.points + by[:, 3:]
-        self.turns = Rotation.from_rotvec(by[:, :3]) * self.turns
+        self.points, self.turns = spline_moved(self.points, self.turns, by)
 
 
 Equations = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float]
@@ -137,11 +143,13 @@ _SIGNS = np.array([(-1.0) ** (DIFFERENCES - i) * comb(DIFFERENCES, i) for i in r
 
 @dataclass(frozen=True)
 class Solution:
-    """A fit: its control poses, band of their covariance, shared (K, 6, b) errors by independent variables, covariance (b, b) of the shared
-    variables themselves, the logarithm of the evidence, and the squared length of the step to it in standard uncertainties."""
+    """A fit: its control poses, band of their covariance and of the factor of its inverse, shared (K, 6, b) errors by independent
+    variables, covariance (b, b) of the shared variables, the logarithm of the evidence, and the squared length of the step to it in
+    standard uncertainties."""
 
     control: Control
     band: FloatArray
+    factor: FloatArray
     shared: FloatArray
     covariance: FloatArray
     evidence: float
@@ -187,7 +195,7 @@ class Fit:
         near = min(max(int(np.searchsorted(times, times[0] + self.spacing_s)), 1), len(times) - 1)
         first, last = ((poses[b, :3] - poses[a, :3]) / (times[b] - times[a]) for a, b in ((0, near), (-1 - near, -1)))
         points += np.where(beyond < 0.0, beyond * first, beyond * last)
-        turns = Slerp(times, se3.rotation(poses))(inside)
+        turns = np.asarray(Slerp(times, se3.rotation(poses))(inside).as_quat())
         control = Control(points, turns, np.empty((0, 6)), self._first_variables())
         control.snap = np.tile(np.maximum((control.differences() ** 2).mean(axis=0), 1e-30), (self.knots - DIFFERENCES, 1))
         return control
@@ -214,8 +222,8 @@ class Fit:
         N, g, X = np.zeros((6 * self.knots, 6 * ORDER)), np.zeros(6 * self.knots), np.zeros((6 * self.knots, b))
         S, s, total = np.zeros((b, b)), np.zeros(b), 0.0
         own, cumulative = tables(self.spacing_s)
-        turns, middle = control.turns.as_quat(), readings.middle_s
-        steps = steps_of(turns)
+        turns, middle = control.turns, readings.middle_s
+        steps = np.asarray(spline_steps(turns))
         for few, shared in self._chunks():
             times = readings.times[few]
             if c:
@@ -266,28 +274,23 @@ class Fit:
         # stiffer than this, the readings would be lost in the rounding of the prior
         floor = STIFFEST / np.maximum(N[:, 0].reshape(K, 6).mean(axis=0), 1e-30)
         difference, by_variance = control.differences(), 1.0 / np.maximum(control.snap, floor)
-        A, right, rows = N.copy(), g.copy().reshape(K, 6), K - DIFFERENCES
-        bands = A.reshape(K, 6, width)
-        for i, di in enumerate(_SIGNS):
-            right[i : rows + i] -= di * by_variance * difference
-            for j in range(i, DIFFERENCES + 1):
-                for x in range(6):
-                    bands[i : rows + i, x, 6 * (j - i)] += di * _SIGNS[j] * by_variance[:, x]
-        right[:, self.held] = 0.0
-        bands[:, self.held, 0] += HELD
+        A, right = N.copy(), g.copy()
+        add_spline_prior(_SIGNS, by_variance, difference, A, right)
+        right.reshape(K, 6)[:, self.held] = 0.0
+        A.reshape(K, 6, width)[:, self.held, 0] += HELD
         factor, failed = scipy.linalg.lapack.dpbtrf(A.T, lower=1)
         if failed:
             raise TrajectoryError(message("curve.undetermined", spacing_ms=1e3 * self.spacing_s))
-        Y = scipy.linalg.lapack.dpbtrs(factor, np.column_stack([right.reshape(-1), X]), lower=1)[0]
+        Y = scipy.linalg.lapack.dpbtrs(factor, np.column_stack([right, X]), lower=1)[0]
         step, Y = Y[:, 0], Y[:, 1:]
         left = np.ascontiguousarray(factor.T)
         band = np.asarray(band_inverse(left))
-        evidence = -0.5 * (total + (by_variance * difference**2).sum() - step @ right.reshape(-1))
+        evidence = -0.5 * (total + (by_variance * difference**2).sum() - step @ right)
         evidence += 0.5 * np.log(by_variance).sum() - np.log(left[:, 0]).sum()
         # of polynomials, which the prior leaves alone, coefficients by time are alike for all spacings
         evidence -= 6.0 * 0.5 * DIFFERENCES * (DIFFERENCES - 1) * np.log(self.spacing_s)
         covariance, shared, move = np.zeros((b, b)), np.zeros((K, 6, b)), np.zeros(b)
-        decrement = float(step @ right.reshape(-1))
+        decrement = float(step @ right)
         if b:
             covariance = np.eye(b)
             if self.reconstruction.model.scheme.redundancy:
@@ -297,19 +300,16 @@ class Fit:
                 move = covariance @ along
                 step, decrement = step - Y @ move, decrement + float(along @ move)
             shared = -(Y @ symmetric_root(covariance)).reshape(K, 6, b)
-        control.snap = self._snap(difference, step.reshape(K, 6), band.reshape(K, 6, width), by_variance)
-        return np.concatenate([step, move]), Solution(control, band, shared, covariance, float(evidence), decrement)
+        control.snap = self._snap(difference, step.reshape(K, 6), band, by_variance)
+        return np.concatenate([step, move]), Solution(control, band, left, shared, covariance, float(evidence), decrement)
 
     @staticmethod
-    def _snap(difference: FloatArray, step: FloatArray, bands: FloatArray, by_variance: FloatArray) -> FloatArray:
+    def _snap(difference: FloatArray, step: FloatArray, band: FloatArray, by_variance: FloatArray) -> FloatArray:
         """Return the variances (K - 4, 6) of the fourth differences by the evidence, from those before a step and its covariance."""
         rows = len(difference)
-        variance, after = np.zeros((rows, 6)), difference.copy()
+        variance, after = np.asarray(variances_of_differences(_SIGNS, band, rows)), difference.copy()
         for i, di in enumerate(_SIGNS):
             after += di * step[i : rows + i]
-            for j in range(i, DIFFERENCES + 1):
-                for x in range(6):
-                    variance[:, x] += (1.0 if i == j else 2.0) * di * _SIGNS[j] * bands[i : rows + i, x, 6 * (j - i)]
         square, known = after**2, np.clip(1.0 - variance * by_variance, 1e-9, 1.0)
         whole = square.sum(axis=0) / known.sum(axis=0)
         bell = 0.5 * ANYWHERE / BELL
@@ -326,17 +326,28 @@ def spacing_of(readings: Readings) -> float:
     period, lasts = float(np.median(np.diff(at))), float(at[-1] - at[0])
     finest = 0.5 * period
     spacings = finest * 2.0 ** np.arange(max(int(np.log2(lasts / WIDEST / finest)), 0) + 1)
-    best, best_s, worse = -np.inf, float(spacings[0]), 0
+    found: list[tuple[float, float]] = []
     for spacing_s in spacings[::-1].tolist():
         fit = Fit(part, spacing_s, readings.reconstruction.budget.origins)
         try:
-            evidence = fit.solve(fit.begin(), 3).evidence
+            found.append((spacing_s, fit.solve(fit.begin(), 3).evidence))
         except TrajectoryError:
             continue
-        best, best_s, worse = (evidence, spacing_s, 0) if evidence > best else (best, best_s, worse + 1)
-        if worse == FARTHEST:
+        if len(found) - 1 - int(np.argmax([evidence for _, evidence in found])) == FARTHEST:
             break
-    return max(0.5 * best_s, finest)
+    best = max((evidence for _, evidence in found), default=np.inf)
+    coarsest = next((spacing_s for spacing_s, evidence in found if evidence >= best - ALIKE), float(spacings[0]))
+    return max(0.5 * coarsest, finest)
+
+
+def jitter_of(times: FloatArray) -> FloatArray:
+    """Return the standard uncertainty (m,) [s] of single stamps of channels (n, m) that send regularly, by how far these are from even."""
+    if len(times) < WIDEST:
+        return np.zeros(times.shape[1])
+    period, off = np.median(np.diff(times, axis=0), axis=0), np.abs(np.diff(times, 2, axis=0))
+    off = np.where(off < period, off, 0.0)
+    typical = np.maximum(1.4826 * np.median(off, axis=0), np.sqrt(0.5 * np.pi) * off.mean(axis=0))
+    return np.asarray(typical / np.sqrt(6.0))
 
 
 def readings_of(reconstruction: Reconstruction, lengths: Lengths, trajectory: Trajectory) -> Readings:
@@ -357,6 +368,7 @@ def readings_of(reconstruction: Reconstruction, lengths: Lengths, trajectory: Tr
         rows = rig.cable_rows(rig.observed)
         changes = changes + changes_from_counts(rows, np.ascontiguousarray(counts)) - lengths.change_mm
         u_clock_s = 0.0 if lengths.u_time_s is None else float(np.sqrt(np.mean(lengths.u_time_s**2)))
+        u_mm = jitter_of(times) * budget.speed_mm_s(lengths)
     rounding, middle = rounding_variance(rig, rig.observed), 0.5 * float(times.min() + times.max())
     variance = np.asarray(budget.variance + (0.0 if u_mm is None else u_mm**2) + rounding * (repeats(counts) - 1.0))
     return Readings(reconstruction, lengths, times, np.ascontiguousarray(changes), variance, trajectory.poses, u_clock_s, middle)
@@ -392,10 +404,12 @@ def curve_of(readings: Readings, spacing_s: float | None = None) -> Curve:
         fit.end_s,
         spacing_s,
         control.points,
-        control.turns.as_quat(),
+        control.turns,
         solution.band,
+        solution.factor,
         shared,
         sources,
+        (*(key for source in fit.sources for key in source.assumed or ("",) * len(source.names)), *("",) * (2 * c)),
         readings.lengths.cables,
         **seen,
         u_before_s=float(np.linalg.norm(fit.late, axis=1).max(initial=0.0)),
@@ -430,13 +444,15 @@ def on_curve(trajectory: Trajectory, curve: Curve, *, systematic: bool = True) -
     """Return a trajectory whose poses and covariances are those of the curve, with its gaps bridged up to `BRIDGED_MM`; systematic: whether
     the systematic covariances are the curve's too."""
     there = curve.at(trajectory.time_s, rates=0)
-    u_mm = np.sqrt(np.trace(there.random[:, 0, 3:, 3:] + there.systematic[:, 0, 3:, 3:], axis1=1, axis2=2))
+    own, shared = there.random[:, 0], there.systematic[:, 0]
+    u_mm = np.sqrt(np.einsum("nii->n", own[:, 3:, 3:]) + np.einsum("nii->n", shared[:, 3:, 3:]))
     ok = trajectory.status == Status.OK
     bridged = np.isin(trajectory.status, (Status.GAP, Status.JUMP)) & (u_mm <= BRIDGED_MM)
     used = ok | bridged
     turned = ~np.isnan(trajectory.poses[ok, 3:]).all()
-    poses, own, shared = np.full_like(trajectory.poses, np.nan), np.full((len(used), 6, 6), np.nan), np.full((len(used), 6, 6), np.nan)
-    poses[used], own[used], shared[used] = there.poses[used], there.random[used, 0], there.systematic[used, 0]
+    poses = there.poses
+    for values in (poses, own, shared):
+        values[~used] = np.nan
     if not systematic:
         shared[ok] = trajectory.systematic[ok]
     if not turned:

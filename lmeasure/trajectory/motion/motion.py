@@ -44,8 +44,8 @@ class Motion:
     base axes; u_pose, u_velocity, u_acceleration, u_jerk (n, 6) standard uncertainties in the same order, from the independent errors
     of the samples and the bias of the window (`spectrum.smoothing_bias`): an error that all samples share moves the poses and hardly their
     derivatives. u_speed_mm_s (n,): of the speed. path_mm (n,): way of the tool origin since the beginning, over gaps as the crow flies.
-    half_width_s: of the window. stamps: when the samples were taken, which is time_s; where the recorded stamps jitter, all uncertainties
-    hold it. vibration: of the tool origin, strongest first; highest_hz: the samples show nothing faster.
+    half_width_s: of the window, or the knot interval of a curve. stamps: when the samples were taken, which is time_s; where the recorded
+    stamps jitter, all uncertainties hold it. vibration: of the tool origin, strongest first; highest_hz: the samples show nothing faster.
     """
 
     time_s: FloatArray

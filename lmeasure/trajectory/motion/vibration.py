@@ -49,6 +49,9 @@ SIZES = np.concatenate([np.linspace(0.0, 0.5, 26), np.geomspace(0.52, 40.0, 60)]
 MOST_SHAPES = 8
 """Dwells by which it is."""
 
+WIGGLES = 3.0
+"""Standard uncertainties of a curve that it may move by in a dwell though the robot rests."""
+
 
 @dataclass(frozen=True)
 class Swing:
@@ -224,6 +227,11 @@ def _harmonics(shape: FloatArray) -> FloatArray:
 def with_rest(errors: PoseErrors, found: Vibration, groups: IntArray) -> PoseErrors:
     """Errors of means of n dwells as places of rest, groups (n,): with what the window's mean misses it by. What dwells of a group have in
     common of it is so besides: how much of it is new nobody knows."""
+    if errors.joint:
+        errors = errors.alone()
+        if np.trace(found.of_mean) <= WIGGLES**2 * np.trace(errors.random.mean(axis=0)):
+            # a curve that moves by as little may do so by its errors, which are counted already
+            return errors
     if not found.of_mean.any():
         return errors
     root = np.tile(symmetric_root(found.of_mean[None]), (len(errors), 1, 1))

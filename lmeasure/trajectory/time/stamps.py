@@ -414,7 +414,8 @@ class Stamps:
     stamp_s (n,): as recorded; time_s (n,): the same unless `kind` is "even". u_time_s: standard uncertainty of each, independent from
     sample to sample; u_rate: relative one of all intervals together. kind: "sound", "even" (taken evenly, stamped late) or "uneven" (taken
     when asked, stamps in error by u_time_s). note: what is to be said of jitter, None of sound ones. stretch (n,): number of the stretch
-    between gaps that a sample is in, None where nobody looked; gap: what is to be said of these.
+    between gaps that a sample is in, None where nobody looked; gap: what is to be said of these. read (n,): whether an instant of a curve
+    is that of a sample; None where all are.
     """
 
     stamp_s: FloatArray
@@ -425,6 +426,7 @@ class Stamps:
     note: Message | None = None
     stretch: IntArray | None = None
     gap: Message | None = None
+    read: BoolArray | None = None
 
     @property
     def notes(self) -> tuple[Message, ...]:

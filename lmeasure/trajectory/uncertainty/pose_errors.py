@@ -56,7 +56,8 @@ class PoseErrors:
     place of this part, shared (n, 6, K) with s (K,) drawn once for the run. place (n,): numbers of the places, from 0. All variables are
     independent and of unit variance; rounded: u and z are what rounding leaves, uniform, else they are normal. s is normal but where
     uniform (K,) says otherwise. counted (K,): which of s are errors of the counters, drawn anew in every run, as u and z are, while the
-    others are those of the instrument. Both are False throughout by default. sources (K,): what each of s is, see `named`.
+    others are those of the instrument. Both are False throughout by default. sources (K,): what each of s is, see `named`. joint: the
+    errors are those of a curve, and places are its clusters: ask for all instants of a part at once.
     """
 
     own: FloatArray
@@ -67,6 +68,7 @@ class PoseErrors:
     uniform: tuple[bool, ...] = ()
     counted: tuple[bool, ...] = ()
     sources: tuple[ErrorSource, ...] = ()
+    joint: bool = False
 
     @classmethod
     def of(
@@ -87,6 +89,8 @@ class PoseErrors:
         size, kind = (COUNT, "count") if self.rounded else (1.0, "")
         own, local = (f"source.{name}" for name in (("counts", "counts_of_place") if self.rounded else ("random", "systematic")))
         unnamed = (ErrorSource(message("source.shared")),) * (self.shared.shape[2] - len(self.sources))
+        if self.joint:
+            return *(ErrorSource(message("source.curve")),) * 2, (*self.sources, *unnamed)
         return ErrorSource(message(own), size, kind), ErrorSource(message(local), size, kind), (*self.sources, *unnamed)
 
     def with_shared(self, column: FloatArray, source: ErrorSource, *, uniform: bool = False) -> "PoseErrors":
@@ -114,6 +118,12 @@ class PoseErrors:
         fit takes of them. The one place that says how the errors of several poses are correlated."""
         common = np.einsum("kn,nil->kil", weights, self.factors)
         return np.asarray(np.einsum("kn,nij->kij", weights**2, self.random) + common @ np.swapaxes(common, 1, 2))
+
+    def alone(self) -> "PoseErrors":
+        """The same, each pose for itself: of poses that are far from each other in time."""
+        each = np.concatenate([self.own, self.local], axis=2)
+        own = symmetric_root(each @ np.swapaxes(each, 1, 2))
+        return replace(self, own=own, local=own[:, :, :0], place=np.zeros(len(own), dtype=np.int64))
 
     def moved(self, matrices: FloatArray) -> "PoseErrors":
         """The errors of T delta, T (n, 6, 6)."""
@@ -187,7 +197,7 @@ class ErrorsOfRun:
             counted=tuple(s in OF_COUNTERS for s in found.sources),
             sources=tuple(self._source(*s) for s in zip(found.sources, found.assumed or ("",) * len(found.sources), strict=True)),
         )
-        sources = message("source.counts"), *(_of_source(name) for name in dict.fromkeys(found.sources))
+        sources = message("source.counts"), *(name_of_source(name) for name in dict.fromkeys(found.sources))
         return errors, message("covers.run" if "calibration" in found.sources else "covers.run.uncalibrated", sources=sources)
 
     def _source(self, name: str, assumed: str) -> ErrorSource:
@@ -197,11 +207,11 @@ class ErrorsOfRun:
             return ErrorSource(message("source.assumed", what=size.what), *size.in_unit)
         record = (self._run.run if isinstance(self._run, Alignment) else self._run).calibration
         if name == BY_CALIBRATION and record is not None and record.equations > record.rank:
-            return ErrorSource(_of_source(name), degrees_of_freedom=float(record.equations - record.rank))
-        return ErrorSource(_of_source(name), COUNT, "count") if name == PHASE else ErrorSource(_of_source(name))
+            return ErrorSource(name_of_source(name), degrees_of_freedom=float(record.equations - record.rank))
+        return ErrorSource(name_of_source(name), COUNT, "count") if name == PHASE else ErrorSource(name_of_source(name))
 
 
-def _of_source(name: str) -> Message | str:
+def name_of_source(name: str) -> Message | str:
     """Return what a source of errors is called."""
     return message(SOURCES[name]) if name in SOURCES else name
 
