@@ -29,6 +29,8 @@ from lmeasure.trajectory import reconstruct, reconstruct_curve
 
 FloatArray = NDArray[np.float64]
 LASTS_S, INSTANTS, EDGE_S = 4.0, 20, 0.1
+COMPARED = 6
+"""Motions that are compared with poses sample by sample and with smoothing splines."""
 WIDE = 1.959963984540054
 CASES: dict[str, tuple[str, float, str]] = {
     "six-sync-1000-Hz": ("cell-run", 1000.0, "latched"),
@@ -74,6 +76,8 @@ def draw(seed: int, case: str) -> dict[str, Any]:
     if timing == "off":
         late = frames.late_s - frames.late_s.mean()
         record |= {"clocks": float(np.abs(curve.clocks_s - late).max()), "u clocks": float(curve.u_clocks_s.max())}
+    if seed >= COMPARED:
+        return record
     samples = reconstruct(run)
     known = np.isfinite(samples.poses[:, 0])
     if known.sum() < len(known) / 2:
