@@ -5,6 +5,7 @@ limited jerk or sums of sines. Millimetres, seconds, radians; poses as places an
 """
 
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -249,3 +250,18 @@ class Cornering:
         since = t - self.run_s - 0.12
         swing = self.swing_mm * np.exp(-((since / 0.05) ** 2)) * np.cos(2.0 * np.pi * 8.0 * since)
         return np.asarray((1.0 - part)[:, None] * self._along(s) + swing[:, None] * np.array([1.0, 0.0, 0.0]))
+
+
+class Shaken:
+    """A motion with a displacement (n,) [mm] of the tool along x added, a function of times (n,)."""
+
+    def __init__(self, motion: Motion, by: Callable[[FloatArray], FloatArray]) -> None:
+        self.motion, self.by = motion, by
+
+    def at(self, time_s: FloatArray) -> Instants:
+        """Return what `Motion.at` does; rates of the displacement by differences."""
+        place, turn, velocity, acceleration = self.motion.at(time_s)
+        before, here, behind = (self.by(time_s + step) for step in (-1e-5, 0.0, 1e-5))
+        along = np.eye(6)[3]
+        velocity = velocity + (behind - before)[:, None] / 2e-5 * along
+        return place + here[:, None] * along[3:], turn, velocity, acceleration + (behind - 2.0 * here + before)[:, None] / 1e-10 * along

@@ -1,12 +1,13 @@
 """Trajectories in continuous time, against runs of other simulators and laws that hold for any curve."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from moving_robot import TRUTH, FreeRunning, Instrument, Moves, Waves, errors
+from moving_robot import TRUTH, FreeRunning, Instrument, Moves, Shaken, Waves, errors
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from zeroed import zeroed_exactly
@@ -17,7 +18,7 @@ from lmeasure.core import FileFormatError, TrajectoryError
 from lmeasure.kernels import band_inverse, spline_covariances, spline_equations, spline_poses
 from lmeasure.recording import Counts, Run, read_counts, read_run, write_counts
 from lmeasure.sensors import Channels
-from lmeasure.trajectory import Curve, reconstruct, reconstruct_curve
+from lmeasure.trajectory import Curve, motion_of, motion_of_curve, reconstruct, reconstruct_curve
 
 FloatArray = NDArray[np.float64]
 ORIGIN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -211,6 +212,50 @@ def test_clocks_of_redundant_channels_are_found_and_of_six_they_keep_their_prior
     pose = errors(motion, frames.common(at), there)[0]
     assert (np.abs(pose) < 3.0 * there.u[:, 0]).mean() > 0.9
     assert there.u[:, 0, 3:].max() > 0.5
+
+
+def shaken(by: Callable[[FloatArray], FloatArray], rate_hz: float) -> tuple[Curve, Shaken]:
+    """The curve of 1.2 s of a moving robot that is shaken besides."""
+    motion, instrument = Shaken(Waves(np.random.default_rng(1), 1.2), by), Instrument("cell-run")
+    time_s = np.arange(0.0, 1.2, 1.0 / rate_hz)
+    recorded = instrument.recorded(motion, np.tile(time_s[:, None], (1, len(instrument.channels))))
+    run = exact_run("cell-run", zeroed=True)
+    return reconstruct_curve(replace(run, passes=(Counts(time_s, instrument.channels, recorded),), start=ORIGIN))[1], motion
+
+
+def test_a_vibration_is_kept_and_an_impact_is_smeared_by_less_than_its_uncertainty() -> None:
+    curve, motion = shaken(lambda t: np.asarray(0.03 * np.sin(40.0 * np.pi * t)), 100.0)
+    at = np.arange(0.2, 1.0, 0.002)
+    swing = curve.poses(at)[:, 0] - motion.motion.at(at)[0][:, 0]
+    amplitude = 2.0 * np.abs((swing * np.exp(40j * np.pi * at)).mean())
+    assert amplitude == pytest.approx(0.03, rel=0.05)
+
+    def pushed(t: FloatArray) -> FloatArray:
+        u = np.clip((t - 0.5) / 0.02, 0.0, 1.0)
+        return np.asarray(0.5 * u**3 * (10.0 - 15.0 * u + 6.0 * u**2))
+
+    curve, motion = shaken(pushed, 1000.0)
+    at = np.arange(0.45, 0.57, 0.0013)
+    there = curve.at(at, rates=0)
+    off = errors(motion, at, there)[0]
+    assert (np.abs(off) < 1.96 * there.u[:, 0]).mean() > 0.85
+    assert (np.abs(off) < 4.0 * there.u[:, 0]).all()
+
+
+def test_the_motion_of_a_curve_is_less_uncertain_than_that_of_samples(cell: tuple[lm.Trajectory, Curve]) -> None:
+    trajectory, curve = cell
+    found, single = motion_of_curve(trajectory, curve), motion_of(reconstruct(exact_run("cell-run", zeroed=True)))
+    there = curve.at(trajectory.time_s)
+    np.testing.assert_array_equal(found.acceleration, there.rates[:, 2])
+    inside = slice(100, -100)
+    for name in ("u_velocity", "u_acceleration", "u_jerk"):
+        one, other = (np.nanmedian(np.linalg.norm(getattr(each, name)[inside, 3:], axis=1)) for each in (found, single))
+        assert one < 0.7 * other, name
+    ways = np.linalg.norm(np.diff(truth_of("cell-run")[:, 1:4], axis=0), axis=1).sum()
+    assert found.path_mm[-1] == pytest.approx(ways, abs=0.05)
+    other = replace(trajectory, poses=trajectory.poses + 1e-3)
+    with pytest.raises(TrajectoryError, match=r"^sample 0 is not that of the run's curve"):
+        motion_of_curve(other, curve, trajectory)
 
 
 def test_a_short_gap_is_bridged_and_a_long_one_is_not() -> None:
