@@ -12,7 +12,7 @@ from zeroed import zeroed_exactly
 
 from lmeasure.cli.app import main
 from lmeasure.iso9283 import CertificationSettings, Evaluation, evaluate
-from lmeasure.recording import CommandedPath, CommandedPose, Counts, Program, Run, read_counts, read_run
+from lmeasure.recording import Counts, Program, Run, read_counts, read_run
 from lmeasure.trajectory import ErrorsOfCurve, reconstruct, reconstruct_curve
 
 SETTINGS = CertificationSettings(trials=200)
@@ -29,17 +29,10 @@ def cornering(rate_hz: float, cycles: int, begin_s: float) -> tuple[Run, Program
     end = [motion.LEG_MM, motion.LEG_MM, 0.0]
     rests = [(b + 0.4, b + 0.55) for _, b in motion.windows()]
     settling = [(a + 0.5, b + 0.55) for a, b in motion.windows()]
-    path = CommandedPath(
-        name="L",
-        kind="points",
-        points_mm=((0.0, 0.0, 0.0), tuple(motion.corner), tuple(end)),
-        speed_mm_s=motion.speed,
-        windows_s=tuple(motion.windows()),
-    )
-    pose = CommandedPose(
-        name="P", position_mm=tuple(end), quaternion_xyzw=(0.0, 0.0, 0.0, 1.0), windows_s=rests, settling_s=settling, limit_band_mm=0.1
-    )
-    program = Program.model_validate({"schema": "lmeasure.program/1", "path": (path,), "pose": (pose,)})
+    corners = [[0.0, 0.0, 0.0], motion.corner.tolist(), end]
+    path = {"name": "L", "kind": "points", "points_mm": corners, "speed_mm_s": motion.speed, "windows_s": motion.windows()}
+    pose = {"name": "P", "position_mm": end, "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0], "windows_s": rests, "settling_s": settling}
+    program = Program.model_validate({"schema": "lmeasure.program/1", "path": [path], "pose": [pose | {"limit_band_mm": 0.1}]})
     return replace(run, passes=(Counts(time_s, instrument.channels, recorded),)), program, motion
 
 

@@ -45,7 +45,10 @@ def motion_of_curve(trajectory: Trajectory, curve: Curve, of_run: Trajectory | N
     path = np.full(n, np.nan)
     path[known] = _path(curve, time_s[known])
     period = float(np.median(np.diff(time_s)))
-    return Motion(time_s, poses, *rates[1:], *u, u_speed, path, curve.spacing_s, sound(time_s), (), HIGHEST / period)
+    rest = {"u_speed_mm_s": u_speed, "path_mm": path, "half_width_s": curve.spacing_s, "highest_hz": HIGHEST / period}
+    _, velocities, accelerations, jerks = rates
+    u_names = ("u_pose", "u_velocity", "u_acceleration", "u_jerk")
+    return Motion(time_s, poses, velocities, accelerations, jerks, stamps=sound(time_s), **dict(zip(u_names, u, strict=True)), **rest)
 
 
 def _path(curve: Curve, time_s: FloatArray) -> FloatArray:
