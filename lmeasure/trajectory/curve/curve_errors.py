@@ -13,7 +13,7 @@ clusters, which are far off, share only the variables of the run.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import lapack
+import scipy
 
 from lmeasure.core import FloatArray, IntArray, symmetric_root
 from lmeasure.rig import TYPICAL_SIZES
@@ -58,7 +58,7 @@ def joint_root(curve: Curve, time_s: FloatArray) -> FloatArray:
         for x in range(6):
             W[6 * (first + p) + x - begin, np.arange(len(time_s)), x] = weights[0, :, p]
     factor = curve.factor[begin:end]
-    V = np.asarray(lapack.dtbtrs(np.asfortranarray(factor.T), W.reshape(len(W), -1), uplo="L")[0])
+    V = np.asarray(scipy.linalg.lapack.dtbtrs(np.asfortranarray(factor.T), W.reshape(len(W), -1), uplo="L")[0])
     width = factor.shape[1] - 1
     behind = min(width, len(curve.factor) - end)
     if not behind:

@@ -45,10 +45,22 @@ def motion_of_curve(trajectory: Trajectory, curve: Curve, of_run: Trajectory | N
     path = np.full(n, np.nan)
     path[known] = _path(curve, time_s[known])
     period = float(np.median(np.diff(time_s)))
-    rest = {"u_speed_mm_s": u_speed, "path_mm": path, "half_width_s": curve.spacing_s, "highest_hz": HIGHEST / period}
-    _, velocities, accelerations, jerks = rates
-    u_names = ("u_pose", "u_velocity", "u_acceleration", "u_jerk")
-    return Motion(time_s, poses, velocities, accelerations, jerks, stamps=sound(time_s), **dict(zip(u_names, u, strict=True)), **rest)
+    return Motion(
+        time_s=time_s,
+        poses=poses,
+        velocity=rates[1],
+        acceleration=rates[2],
+        jerk=rates[3],
+        u_pose=u[0],
+        u_velocity=u[1],
+        u_acceleration=u[2],
+        u_jerk=u[3],
+        u_speed_mm_s=u_speed,
+        path_mm=path,
+        half_width_s=curve.spacing_s,
+        stamps=sound(time_s),
+        highest_hz=HIGHEST / period,
+    )
 
 
 def _path(curve: Curve, time_s: FloatArray) -> FloatArray:
