@@ -1,5 +1,5 @@
 from . import files as files
-from .cluster import LOCAL as LOCAL, cluster_client as cluster_client, processors as processors
+from .cluster import LOCAL as LOCAL, cluster_client as cluster_client, in_order as in_order, processors as processors
 from .files import (
     LARGEST_TOML as LARGEST_TOML,
     abandoned as abandoned,
@@ -42,5 +42,5 @@ from .safe_open import (
     unpack as unpack,
 )
 from .schemas import FILE_KINDS as FILE_KINDS, shipped as shipped
-from .tables import decoded_bytes as decoded_bytes
+from .tables import PIECE_ROWS as PIECE_ROWS, decoded_bytes as decoded_bytes
 from .toml_lines import Keys as Keys, loads as loads

@@ -3,10 +3,11 @@
 import logging
 import os
 import re
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from typing import Any
+from typing import Any, TypeVar
 
 from lmeasure.core import LMeasureError, how_to_install
 from lmeasure.text import message
@@ -14,6 +15,8 @@ from lmeasure.text import message
 ANSWER_S = 10.0
 """Within which a scheduler must answer."""
 ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx)://[^\s/:]+:\d{1,5}|(tcp|tls)://\[[0-9a-fA-F:]+\]:\d{1,5}")
+Task = TypeVar("Task")
+Done = TypeVar("Done")
 LOCAL = "local"
 """Scheduler that is begun on this machine, with one process for each processor."""
 
@@ -58,3 +61,23 @@ def cluster_client(scheduler: str) -> Iterator[Any]:
         raise LMeasureError(message("error.no_dask_scheduler_answers", where=scheduler, error=why)) from error
     with client:
         yield client
+
+
+def in_order(scheduler: str, work: Callable[[Task], Done], tasks: Iterable[Task]) -> Iterator[Done]:
+    """Yield what came of tasks in their order; a few more than there are processors are on their way at once.
+
+    Doing a task twice must do no harm: a worker may die after it. LMeasureError as `cluster_client`, and if the scheduler is lost.
+    """
+    with cluster_client(scheduler) as client:
+        distributed: Any = import_module("distributed")
+        waiting: deque[Any] = deque()
+        try:
+            for task in tasks:
+                waiting.append(client.submit(work, task, pure=False))
+                if len(waiting) > sum(client.ncores().values()) + 1:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        except (distributed.client.FutureCancelledError, distributed.comm.core.CommClosedError, distributed.KilledWorker) as error:
+            why = " ".join(str(error).split()) or type(error).__name__
+            raise LMeasureError(message("error.scheduler_lost", where=scheduler, why=why)) from None

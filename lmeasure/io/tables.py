@@ -325,16 +325,18 @@ PIECE_ROWS = 2**14
 EXACT = 2**53
 
 
-def read_table_in_pieces(path: Path) -> Iterator[tuple[Table, float]]:
+def read_table_in_pieces(path: Path, first: int = 0) -> Iterator[tuple[Table, float]]:
     """`read_table` of numbers, one piece after the other with the part of the file that is done; only a few pieces are in memory.
+
+    first: of a .parquet file, the row to begin at: a multiple of `PIECE_ROWS`, for the pieces to be those of the whole file.
 
     What the fast reader of pieces does not take - text, blanks around numbers, a broken file - is left to `read_table`, which takes it
     or says what is wrong with it.
     """
     path = Path(path)
-    rows = 0
+    rows = first
     try:
-        for data, part in _pieces(path):
+        for data, part in _pieces(path) if not first else _pieces_behind(path, first):
             names = [name.strip() for name in data.column_names]
             if len(set(names)) < len(names) or "" in names:
                 break
@@ -376,6 +378,25 @@ def _as_floats(chunk: pa.Array) -> pa.Array:
         if not len(values) or -EXACT <= values.min() <= values.max() <= EXACT:
             return pa.Array.from_buffers(pa.float64(), len(values), [None, pa.py_buffer(values.astype(np.float64))])
     return chunk.cast(pa.float64())
+
+
+def _pieces_behind(path: Path, first: int) -> Iterator[tuple[pa.Table, float]]:
+    """Yield the pieces of a .parquet file from a row on, without reading the groups of rows before it."""
+    with open_regular(path) as raw, pa.parquet.ParquetFile(raw, pre_buffer=False, buffer_size=2**20) as file:
+        ends = np.cumsum([file.metadata.row_group(i).num_rows for i in range(file.metadata.num_row_groups)])
+        group = int(np.searchsorted(ends, first, side="right"))
+        skip, held, done = first - int(ends[group - 1] if group else 0), None, first
+        for batch in file.iter_batches(PIECE_ROWS, row_groups=list(range(group, len(ends)))):
+            data = pa.Table.from_batches([batch])
+            held = data if held is None else pa.concat_tables([held, data])
+            passed = min(skip, len(held))
+            held, skip = held.slice(passed), skip - passed
+            while len(held) >= PIECE_ROWS:
+                done += PIECE_ROWS
+                yield held.slice(0, PIECE_ROWS), done / file.metadata.num_rows
+                held = held.slice(PIECE_ROWS)
+        if held is not None and len(held):
+            yield held, 1.0
 
 
 def _numbers(column: pa.ChunkedArray) -> tuple[FloatArray, BoolArray]:

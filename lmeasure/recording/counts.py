@@ -145,14 +145,16 @@ def read_counts(path: Path, *, torn: bool = False) -> Counts:
     return _counts(files.read_table(path, torn=torn))
 
 
-def read_counts_in_pieces(path: Path, progress: Callable[[int, int], None] | None = None) -> Iterator[Counts]:
-    """`read_counts`, one piece after the other, for files that need not fit into memory; progress is called with (done, of) in percent."""
+def read_counts_in_pieces(path: Path, progress: Callable[[int, int], None] | None = None, first: int = 0) -> Iterator[Counts]:
+    """`read_counts`, one piece after the other, for files that need not fit into memory; progress is called with (done, of) in percent.
+
+    first: row of a .parquet file to begin at, as `read_table_in_pieces` has it."""
     before: tuple[int, float] | None = None
-    for table, part in files.read_table_in_pieces(path):
+    for table, part in files.read_table_in_pieces(path, first):
         counts = _counts(table)
-        first = float(counts.time_s[0])
-        if before is not None and not first > before[1]:
-            raise FileFormatError(message("error.sample_time_s_does", where=path, first=before[0], time_s=first, time_s2=before[1]))
+        begun = float(counts.time_s[0])
+        if before is not None and not begun > before[1]:
+            raise FileFormatError(message("error.sample_time_s_does", where=path, first=before[0], time_s=begun, time_s2=before[1]))
         before = table.first + len(table), float(counts.time_s[-1])
         yield counts
         if progress is not None:

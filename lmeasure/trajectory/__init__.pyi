@@ -29,6 +29,7 @@ from .motion.spectrum import Vibration as Vibration
 from .motion.vibration import averaged as averaged, with_rest as with_rest
 from .origin.origins import estimate_origins as estimate_origins
 from .reconstruction.live import LivePose as LivePose, PoseWatch as PoseWatch, enough_absolute as enough_absolute
+from .reconstruction.parts import reconstruct_in_parts as reconstruct_in_parts
 from .reconstruction.run_model import FREEDOMS as FREEDOMS, RunModel as RunModel
 from .reconstruction.runs import (
     Each as Each,

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from lmeasure.trajectory import Each, Summary, Trajectory
 
 
+FIRST_PART = "part-00000.parquet"
+
+
 class Settings(Writing):
     """What `lmeasure reconstruct` is asked."""
 
@@ -34,6 +37,9 @@ class Settings(Writing):
         bool, option("Fit a curve in continuous time to all readings, each at its own time, and write its control poses beside OUT.")
     ] = False
     angles: Annotated[bool, option("Add the angles of the rig's convention.")] = False
+    scheduler: Annotated[
+        str | None, option("Reconstruct a long run in parts by a Dask scheduler, or local; OUT is a folder.", metavar="tcp://HOST:PORT")
+    ] = None
     rerun: Annotated[Recording | None, RERUN] = None
 
     @property
@@ -41,10 +47,16 @@ class Settings(Writing):
         """Return the file of the curve's control poses."""
         return self.out.with_suffix(".curve" + (self.out.suffix if self.out.suffix in {".csv", ".parquet"} else ".parquet"))
 
+    @property
+    def parts(self) -> Path:
+        """Return the folder of a trajectory in parts: OUT, which may be there already with its parts."""
+        return self.out.parent if (self.out.parent / FIRST_PART).is_file() else self.out
+
     def paths(self) -> Paths:
         """A trajectory from a run folder."""
+        out = self.out if self.scheduler is None else self.parts / FIRST_PART
         return Paths(
-            (self.out, *((self.curve,) if self.continuous else ()), *present(self.rerun)),
+            (out, *((self.curve,) if self.continuous else ()), *present(self.rerun)),
             (*in_run_folder(self.run), *present(self.rig, None if self.start is None else Path(self.start))),
         )
 
@@ -63,6 +75,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
     if settings.continuous and not (linear and settings.repeatability_mm == 0.0):
         raise SettingsError("continuous", message("curve.linear"))
     progress(0.0, "reconstruct")
+    if settings.scheduler is not None:
+        return _in_parts(settings, head, progress, whole=can_stream(head) and linear and not settings.continuous)
     if can_stream(head) and linear and not settings.continuous:
         with _each_piece(settings.rerun, head) as each:
             reported = steps(progress, "reconstruct")
@@ -85,6 +99,25 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
         judge=explained,
     )
     return _written(settings, recorded, trajectory, progress)
+
+
+def _in_parts(settings: Settings, head: "RunHead", progress: Progress, *, whole: bool) -> "Result[Trajectory | Summary]":
+    """Reconstruct a long run by the workers of a scheduler, into files of a folder."""
+    from lmeasure.api import explained
+    from lmeasure.trajectory import reconstruct_in_parts
+
+    if not whole or settings.rerun is not None or settings.repeatability_mm:
+        raise SettingsError("scheduler", message("error.parts_not_possible"))
+    out = settings.parts.resolve()
+    out.mkdir(parents=True, exist_ok=True)
+    for earlier in out.glob("part-*.parquet"):
+        earlier.unlink()
+    named = head.rig.angles if settings.angles else None
+    reported = steps(progress, "reconstruct")
+    summary = reconstruct_in_parts(
+        head, out, settings.scheduler or "", settings.constraint, angles=named, progress=reported, judge=explained
+    )
+    return Result(summary, tuple(summary.text().splitlines()), summary.figures(), files=tuple(sorted(out.glob("part-*.parquet"))))
 
 
 def _written(settings: Settings, recorded: "Run", trajectory: "Trajectory", progress: Progress) -> "Result[Trajectory | Summary]":

@@ -161,10 +161,10 @@ class Trajectory(Shown):
 
 
 class Summary:
-    """What is to be said of a trajectory that is given in pieces."""
+    """What is to be said of a trajectory that is given in pieces; first: number of its first sample in the run."""
 
-    def __init__(self) -> None:
-        self.samples = 0
+    def __init__(self, first: int = 0) -> None:
+        self.first, self.samples = first, 0
         self.statuses: Counter[str] = Counter()
         self.first_bad = ""
         self.worst_angle = self.u_position = self.u_rotation = 0.0
@@ -181,7 +181,7 @@ class Summary:
         if not self.first_bad and (piece.status != Status.OK).any():
             i = int(np.argmax(piece.status != Status.OK))
             code, cable = f"trajectory_line.at{'_cable' if piece.cable[i] else ''}", str(piece.cable[i])
-            self.first_bad = message(code, i=self.samples + i, time=float(piece.time_s[i]), cable=cable, cause=piece.cause[i])
+            self.first_bad = message(code, i=self.first + self.samples + i, time=float(piece.time_s[i]), cable=cable, cause=piece.cause[i])
         self.samples += len(piece.time_s)
         # fmax passes over what is not measured
         self.worst_angle = float(np.fmax.reduce(piece.worst_pressure_angle_deg, initial=self.worst_angle))
@@ -194,6 +194,19 @@ class Summary:
             least, largest = self.apart_s or (np.inf, 0.0)
             self.apart_s = min(least, float(intervals.min())), max(largest, float(intervals.max()))
         self.assumed = self.assumed.joined(piece.assumed)
+
+    def join(self, other: "Summary") -> None:
+        """Take the part that follows into account."""
+        self.samples += other.samples
+        self.statuses.update(other.statuses)
+        self.first_bad = self.first_bad or other.first_bad
+        self.worst_angle = max(self.worst_angle, other.worst_angle)
+        self.u_position, self.u_rotation = max(self.u_position, other.u_position), max(self.u_rotation, other.u_rotation)
+        self.covers = other.covers
+        self.notes += [note for note in other.notes if note not in self.notes]
+        both = [span for span in (self.apart_s, other.apart_s) if span is not None]
+        self.apart_s = (min(low for low, _ in both), max(high for _, high in both)) if both else None
+        self.assumed = self.assumed.joined(other.assumed)
 
     def figures(self) -> dict[str, float]:
         """Numbers by name."""

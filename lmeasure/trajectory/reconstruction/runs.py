@@ -197,7 +197,7 @@ def reconstruct_stream(
     The result is that of `reconstruct`, whose judge is this; progress is called with (done, of), each piece is given to `each` and then
     let go. Raises what `Reconstruction` raises, and FileFormatError for counts that cannot be read.
     """
-    run = _StreamedRun.of(head)
+    run = StreamedRun.of(head)
     reconstruction = prepare(run, constraint)
     run = run.zeroed(reconstruction.model.rig)
     more = () if judge is None else judge(reconstruction)
@@ -223,7 +223,7 @@ def reconstruct_stream(
 
 
 @dataclass(frozen=True)
-class _StreamedRun:
+class StreamedRun:
     """A run in its file: `LengthSource` of one pass. counters (m, `COUNTER_STATE`): at the beginning of the file."""
 
     run: RunHead
@@ -232,7 +232,7 @@ class _StreamedRun:
     clocks: tuple[PassClock, ...] = ()
 
     @classmethod
-    def of(cls, head: RunHead) -> "_StreamedRun":
+    def of(cls, head: RunHead) -> "StreamedRun":
         """Look through the whole file for the widths and rates of its counters, where the rig states none."""
         rig, notes = _with_widths(head)
         counters, more = _counters(head, rig)
@@ -251,7 +251,7 @@ class _StreamedRun:
             finder.add(lengths)
         return finder.found()
 
-    def zeroed(self, rig: Rig) -> "_StreamedRun":
+    def zeroed(self, rig: Rig) -> "StreamedRun":
         """Return the same with its rig as its counters were zeroed."""
         return self if np.array_equal(rig.paid_out(), self.run.rig.paid_out()) else replace(self, run=replace(self.run, rig=rig))
 
@@ -259,10 +259,13 @@ class _StreamedRun:
         """Yield the lengths piece by piece."""
         return (lengths for _, lengths in self.recorded_pieces(doubts))
 
-    def recorded_pieces(self, doubts: Doubts, progress: Progress | None = None) -> Iterator[tuple[Counts, Lengths]]:
-        """Yield recorded counts and their lengths piece by piece."""
-        rig, counters = self.run.rig, self.counters.copy()
-        for piece in read_counts_in_pieces(self.run.counts[0], progress):
+    def recorded_pieces(
+        self, doubts: Doubts, progress: Progress | None = None, *, first: int = 0, counters: FloatArray | None = None
+    ) -> Iterator[tuple[Counts, Lengths]]:
+        """Yield recorded counts and their lengths piece by piece, from the first sample on; counters (m, `COUNTER_STATE`) there, changed in
+        place, by default those of the beginning."""
+        rig, counters = self.run.rig, self.counters.copy() if counters is None else counters
+        for piece in read_counts_in_pieces(self.run.counts[0], progress, first):
             lengths = doubts.applied(rig, lengths_from_counts(Run(rig, self.run.start, (piece,)), counters))
             yield piece, replace(lengths, notes=(*self.notes, *lengths.notes))
 

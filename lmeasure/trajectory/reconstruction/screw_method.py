@@ -197,6 +197,20 @@ _CAUSES = {
 NOT_MEASURED = message("cause.orientation")
 
 
+@dataclass
+class Place:
+    """How far a run has been followed: state (8 + m,) as the kernels have it, which way its cables travelled last (m, 2), and whether by
+    the compiled kernels. What comes next depends on nothing else."""
+
+    state: FloatArray
+    travelled: FloatArray
+    by_kernels: bool
+
+    def copy(self) -> "Place":
+        """Return a copy, which stays where it is."""
+        return Place(self.state.copy(), self.travelled.copy(), self.by_kernels)
+
+
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
     """A run's model with what is known of the run so far: what its redundancy determined of origins, and which counts are in doubt.
@@ -229,14 +243,27 @@ class Reconstruction:
         (found,) = self.trajectories([lengths], covariances=covariances)
         return found
 
-    def trajectories(self, pieces: Iterable[Lengths], *, covariances: bool = True) -> Iterator[Trajectory]:
-        """Yield the trajectory of a run piece by piece; without covariances theirs are zero, for a quarter of the time."""
-        scheme, state, travelled = self.model.scheme, self.state.copy(), np.zeros((len(self.model.scheme.rows), 2))
-        by_kernels = self.compiled
+    @property
+    def beginning(self) -> Place:
+        """The place where the run begins."""
+        return Place(self.state.copy(), np.zeros((len(self.model.scheme.rows), 2)), self.compiled)
+
+    def follow(self, piece: Lengths, place: Place) -> tuple[Lengths, tuple[Any, ...], bool, FloatArray | None]:
+        """Follow a run over its next piece, and move the place on.
+
+        Return the lengths as they are used, what the kernels found, whether they were the compiled ones, and how the cables travelled.
+        """
+        lengths = self.corrected(piece, place.state)
+        found, compiled = self._next(place.state, lengths.change_mm, lengths.flags, by_kernels=place.by_kernels)
+        place.by_kernels = place.by_kernels or compiled or len(lengths.change_mm) > 1
+        return lengths, found, compiled, self.budget.travel(lengths, place.travelled)
+
+    def trajectories(self, pieces: Iterable[Lengths], *, covariances: bool = True, place: Place | None = None) -> Iterator[Trajectory]:
+        """Yield the trajectory of a run piece by piece, from a place on; without covariances theirs are zero, for a quarter of the time."""
+        scheme, at = self.model.scheme, self.beginning if place is None else place.copy()
         for piece in pieces:
-            lengths, begun = self.corrected(piece, state), state.copy()
-            found, compiled = self._next(state, lengths.change_mm, lengths.flags, by_kernels=by_kernels)
-            by_kernels = by_kernels or compiled or len(lengths.change_mm) > 1
+            begun = at.state.copy()
+            lengths, found, compiled, travel = self.follow(piece, at)
             poses, residual, iterations, status, angle, *_ = found
             cause = np.where(status == lengths.flags, lengths.cause, _TEXTS[status])
             cable, unused, chi_squared = np.where(status == lengths.flags, lengths.cable, ""), None, None
@@ -247,7 +274,7 @@ class Reconstruction:
             residual = np.where(np.isfinite(lengths.change_mm).sum(axis=1) > len(scheme.free), residual, np.nan)
             cause = self._explained(cause, status, poses, angle, lengths.change_mm, begun)
             random = systematic = np.broadcast_to(np.zeros((6, 6)), (len(poses), 6, 6))
-            assumed_mm, travel = np.zeros(len(poses)), self.budget.travel(lengths, travelled)
+            assumed_mm = np.zeros(len(poses))
             if covariances:
                 random, systematic, assumed_mm = self.budget.covariances(poses, lengths, unused, compiled, travel=travel)
                 if self.redundancy is not None:
