@@ -381,10 +381,7 @@ class _Writer:
 
 
 def _kept(path: Path) -> str:
-    return (
-        f"{path}: exists; a recording replaces no run, not even with --force: give --out another folder, or --pass the next repetition of "
-        "the motion"
-    )
+    return message("error.recording_exists", path=path)
 
 
 def _content(path: Path) -> bytes | None:

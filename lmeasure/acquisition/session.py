@@ -109,7 +109,7 @@ def connect(
         found = start_nodes(opened, rig, passage, folder)
         for first, now in zip(devices[0] if devices else (), found, strict=False):
             if (now.serial, now.field) != (first.serial, first.field):
-                other = f"came back as another device: serial number {now.serial}, before {first.serial}"
+                other = message("bus.other_device", serial=now.serial, before=first.serial)
                 raise AcquisitionError(message("error.node_channel", node=now.node, channel=now.channel, other=other))
         devices.append(found)
         if table.sync_period_ms is not None:

@@ -20,6 +20,7 @@ from .messages import (
     from_stated as from_stated,
     joined as joined,
     message as message,
+    reason as reason,
     restored as restored,
     table as table,
 )

@@ -52,7 +52,15 @@ class Message(str):
 def _kept(value: Any) -> Any:
     if isinstance(value, LMeasureError):
         return faults(value)[0]
-    return str(value) if isinstance(value, BaseException | PurePath) else value
+    if isinstance(value, BaseException):
+        return reason(value)
+    return str(value) if isinstance(value, PurePath) else value
+
+
+def reason(error: BaseException) -> str:
+    """Return the message that an error of any kind was raised with; its text where that is none."""
+    first = error.args[0] if error.args else ""
+    return first if isinstance(first, Message) else str(error)
 
 
 def faults(error: LMeasureError) -> tuple[str, ...]:

@@ -115,7 +115,7 @@ def test_this_program_can_produce_the_sync(tmp_path: Path) -> None:
         ({"device_type": 0x191}, rig_of(), "its device profile is 401, not that of encoders, 406"),
         ({"units": 4096}, rig_of(), "counts 4096 per revolution .6001h., the rig says 6000"),
         ({"range": 65536}, rig_of(channels=[BOTH[0] | {"range": 36000}, BOTH[1]]), "range is 65536 units"),
-        ({"range": 36000}, rig_of({"counter_bits": 16}), "counts 36000 counts, but its drum says counter_bits = 16"),
+        ({"range": 36000}, rig_of({"counter_bits": 16}), "counts 36000 counts, but its drum states counter_bits = 16"),
         ({"sync_id": 0x85}, rig_of(), "listens to SYNC 0x85 .1005h., the rig says sync_id = 0x80"),
         ({"sync_type": 254}, rig_of(), "no transmit PDO sends its position after each SYNC; it is in TPDO1 of type 254, TPDO2 of type 254"),
         ({}, rig_of(timing="free"), "its timer is off .6200h"),
@@ -123,7 +123,7 @@ def test_this_program_can_produce_the_sync(tmp_path: Path) -> None:
         (
             {},
             rig_of(channels=[BOTH[0] | {"serial": 9009}, BOTH[1] | {"serial": 9005}]),
-            "its serial number is 9005, the rig says 9009; that one is node 9 .channel ch2.: they have changed places",
+            "its serial number is 9005, the rig says 9009; that one is node 9 .channel ch2.: the two are swapped",
         ),
     ],
 )

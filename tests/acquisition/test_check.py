@@ -388,7 +388,7 @@ def test_who_else_is_on_the_bus_is_named() -> None:
             [(0x80, 90), (0x181, 90), (0x182, 180), (0x300, 7)],
             "channel ch2: 180 frames 182h for 90 SYNCs; several devices send this identifier",
         ),
-        ([(0x181, 9), (0x300, 9)], "the counters' frames come, but no SYNC 080h: nobody sends it, or sync_id of the rig is another"),
+        ([(0x181, 9), (0x300, 9)], "the counters' frames arrive, but no SYNC 080h: no device sends it, or sync_id of the rig is wrong"),
     ],
 )
 def test_why_no_count_comes(batches: list[tuple[int, int]], reported: str) -> None:

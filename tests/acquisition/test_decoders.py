@@ -203,7 +203,7 @@ def test_a_wider_counter_shows_by_its_carries() -> None:
 
 @pytest.mark.parametrize(
     ("channel", "complaint"),
-    [({"range": 70000, "bits": 16}, "more than 16 bits can carry"), ({"range": 1000}, "but its drum says counter_bits = 16")],
+    [({"range": 70000, "bits": 16}, "more than 16 bits can carry"), ({"range": 1000}, "but its drum states counter_bits = 16")],
 )
 def test_ranges_that_contradict_are_refused(channel: dict[str, Any], complaint: str) -> None:
     data = cell_rig(0).to_dict()

@@ -108,7 +108,7 @@ def test_a_log_in_which_nothing_moved_says_so(tmp_path: Path) -> None:
     assert scan.table() == []
     assert scan.lines()[-1] == "no byte changes like a counter; log again while the robot moves"
     (tmp_path / "none.log").write_text("(0.000000) can0 20000080#\n")
-    with pytest.raises(FileFormatError, match="holds no CAN frame"):
+    with pytest.raises(FileFormatError, match="contains no CAN frame"):
         scan_log(tmp_path / "none.log")
 
 

@@ -328,7 +328,7 @@ def test_an_import_says_what_it_did_not_read(tmp_path: Path) -> None:
 )
 def test_a_log_without_a_frame_says_why(tmp_path: Path, name: str, content: str | bytes, why: str) -> None:
     read(tmp_path / name, content)
-    with pytest.raises(FileFormatError, match=f"holds no CAN frame: .*{why}"):
+    with pytest.raises(FileFormatError, match=f"contains no CAN frame: .*{why}"):
         lm.read_log(tmp_path / name, six_cables())
 
 

@@ -14,7 +14,7 @@ from lmeasure.acquisition.counters.decoders import ALL_BITS, CounterField, Place
 from lmeasure.core import AcquisitionError, FileFormatError
 from lmeasure.io import read_regular
 from lmeasure.rig import CanOpenCan, Drum, NodeChannel, Rig, SensorTable
-from lmeasure.text import message
+from lmeasure.text import joined, message
 
 if TYPE_CHECKING:
     import can
@@ -125,18 +125,15 @@ def position_place(node: Objects, timing: str, cyclic_ms: int | None) -> Place:
             value = node.need(0x1A00 + number, entry)
             index, bits = value >> 16, value & 0xFF
             if index in POSITIONS and bits <= 64:
-                seen.append(f"TPDO{number + 1} of type {kind}")
+                seen.append(message("bus.pdo_of_type", number=number + 1, kind=kind))
                 if (1 <= kind <= LAST_SYNC_TYPE) == (timing == "sync"):
                     timer = node.read(0x1800 + number, 5)
                     if timing == "free" and not timer and not cyclic_ms:
                         raise AcquisitionError(message("error.its_timer_is_off", where=node.name))
                     return cob & ALL_BITS, ALL_BITS, bool(cob & EXTENDED_COB), first_bit, bits, "little", False
             first_bit += bits
-    wish = "after each SYNC" if timing == "sync" else "by its own timer"
-    raise AcquisitionError(
-        f"{node.name}: no transmit PDO sends its position {wish}; "
-        + (f"it is in {', '.join(seen)}" if seen else "no valid one has 6004h or 6008h mapped")
-    )
+    where = message("bus.position_in", pdos=tuple(seen)) if seen else message("bus.position_not_mapped")
+    raise AcquisitionError(message("bus.no_pdo_at_sync" if timing == "sync" else "bus.no_pdo_by_timer", node=node.name, where=where))
 
 
 def check_identity(sheet: Path, name: str, node: int, *, vendor: int | None, product: int | None) -> None:
@@ -229,7 +226,7 @@ class _Node(Objects):
     def __init__(self, network: Any, number: int, channel: str) -> None:
         import canopen
 
-        self.name = f"node {number} (channel {channel})"
+        self.name = message("bus.node", node=number, channel=channel)
         self._sdo = network.add_node(canopen.RemoteNode(number, canopen.ObjectDictionary())).sdo  # type: ignore[no-untyped-call]
 
     def read(self, index: int, subindex: int = 0) -> int | None:
@@ -263,13 +260,16 @@ def start_nodes(bus: "can.BusABC", rig: Rig, passage: int = 1, folder: Path = Pa
         present = scan(network)
         missing = [channels[name] for name in drums if channels[name].node not in present]
         if missing:
-            found = f"on the bus: {', '.join(map(str, present))}" if present else "no node answers at all"
+            found = message("bus.no_node")
+            if present:
+                found = message("bus.nodes", nodes=", ".join(map(str, present)))
             raise AcquisitionError(message("error.node_channel_does_not", node=missing[0].node, channel=missing[0].channel, found=found))
         devices = tuple(_device(network, channels[name], drum, table) for name, drum in drums.items())
         _check_serials(devices, channels)
         if table.eds is not None:
             for d in devices:
-                check_identity(folder / table.eds, f"node {d.node} (channel {d.channel})", d.node, vendor=d.vendor, product=d.product)
+                name = message("bus.node", node=d.node, channel=d.channel)
+                check_identity(folder / table.eds, name, d.node, vendor=d.vendor, product=d.product)
         for device in devices:
             network.send_message(0, bytes([1, device.node]))  # NMT: start
         return devices
@@ -304,7 +304,7 @@ def _device(network: Any, wanted: NodeChannel, drum: Drum | SensorTable, table: 
         raise AcquisitionError(message("error.listens_to_sync_1005h", where=node.name, sync_id=sync_id & ALL_BITS, sync_id2=table.sync_id))
     place = position_place(node, table.timing, node.read(0x6200))
     if wanted.cob_id is not None and (wanted.cob_id, 8 * wanted.byte_offset, wanted.bits) != (place[0], *place[3:5]):
-        stated = f"cob_id = {wanted.cob_id:#x}, byte {wanted.byte_offset}, {wanted.bits} bits"
+        stated = message("bus.stated_place", cob_id=wanted.cob_id, byte=wanted.byte_offset, bits=wanted.bits)
         raise AcquisitionError(
             message("error.sends_its_position_in", where=node.name, place=place[0], place2=place[3], place3=place[4], stated=stated)
         )
@@ -335,12 +335,9 @@ def _check_serials(devices: tuple[Device, ...], channels: dict[str, NodeChannel]
         if want is None or device.serial == want:
             continue
         other = next((d for d in devices if d.serial == want), None)
-        swapped = f"; that one is node {other.node} (channel {other.channel}): they have changed places" if other else ""
-        raise AcquisitionError(
-            message(
-                "error.node_channel_its_serial", node=device.node, channel=device.channel, serial=device.serial, want=want, swapped=swapped
-            )
-        )
+        found = message("error.node_channel_its_serial", node=device.node, channel=device.channel, serial=device.serial, want=want)
+        swapped = [message("bus.swapped", node=other.node, channel=other.channel)] if other else []
+        raise AcquisitionError(joined([found, *swapped]))
 
 
 def produce_sync(bus: "can.BusABC", sync_id: int, period_s: float) -> Any:

@@ -18,29 +18,16 @@ import numpy as np
 from lmeasure.acquisition.bus.frames import BUS_OFF, CLASSED, CONTROLLER, ERROR, EXTENDED, PASSIVE, REMOTE, Frames
 from lmeasure.acquisition.counters.decoders import CounterField
 from lmeasure.rig import Rig
-from lmeasure.text import message
+from lmeasure.text import joined, message
 
 EMERGENCY, HEARTBEAT = 0x80, 0x700
 OTHERS = 0x780
 """Above every identifier that is looked for."""
 BOOT_UP, OPERATIONAL, PRE_OPERATIONAL = 0, 5, 127
-STATES = {BOOT_UP: "boot-up", 4: "stopped", OPERATIONAL: "operational", PRE_OPERATIONAL: "pre-operational"}
-RESETS = {0x81: "reset node", 0x82: "reset communication"}
+STATES = (BOOT_UP, 4, OPERATIONAL, PRE_OPERATIONAL)
+RESETS = {0x81: "reset_node", 0x82: "reset_communication"}
 ENTER_PRE_OPERATIONAL = 0x80
-ERROR_CLASSES = {
-    0x00: "error reset or no error",
-    0x10: "generic error",
-    0x20: "current",
-    0x30: "voltage",
-    0x40: "temperature",
-    0x50: "device hardware",
-    0x60: "device software",
-    0x70: "additional modules",
-    0x80: "monitoring or communication",
-    0x90: "external error",
-    0xF0: "additional functions",
-    0xFF: "device specific",
-}
+ERROR_CLASSES = (0x00, 0x10, 0x20, 0x30, 0x40, 0x50, 0x60, 0x70, 0x80, 0x90, 0xF0, 0xFF)
 LOST, DOUBTFUL = "lost", "doubtful"
 """What a word makes of an origin."""
 POSITION_CODES = (0x50, 0x60, 0x61, 0x63, 0x73)
@@ -50,18 +37,7 @@ PROFILE_ERROR = 0x20
 """Bit of the error register (1001h): device profile specific."""
 ADDRESS_CLAIM, ADDRESS_CLAIM_MASK = 0x00EEFF00, 0x03FFFF00
 ADDRESS = 0xFF
-ERROR_NAMES = {
-    0x01: "transmit timeout",
-    0x02: "lost arbitration",
-    0x04: "controller",
-    0x08: "protocol",
-    0x10: "transceiver",
-    0x20: "no acknowledge",
-    0x40: "bus-off",
-    0x80: "bus error",
-    0x100: "controller restarted",
-    0x200: "error counters",
-}
+ERROR_BITS = (0x01, 0x02, 0x04, 0x08, 0x10, 0x20, 0x40, 0x80, 0x100, 0x200)
 
 
 @dataclass(frozen=True)
@@ -117,15 +93,16 @@ class NetworkWatch:
             address = identifier & ADDRESS
             if identifier & ADDRESS_CLAIM_MASK != ADDRESS_CLAIM or address not in self._addresses:
                 return None
-            return Word(row, "heartbeat", f"address {address}: claimed its address", self._addresses[address], DOUBTFUL)
+            return Word(row, "heartbeat", message("bus.address_claimed", address=address), self._addresses[address], DOUBTFUL)
         if identifier == 0:
             return self._command(row, data)
         node = identifier & 0x7F
         of = self._nodes[node]
         if identifier < HEARTBEAT and len(data) == 8:
             code, register = data[0] | data[1] << 8, data[2]
-            kind = ERROR_CLASSES.get(code >> 8, ERROR_CLASSES.get(code >> 8 & 0xF0, "unknown"))
-            text = f"node {node}: code {code:04X}h ({kind}), register {register:02X}h"
+            group = next((g for g in (code >> 8, code >> 8 & 0xF0) if g in ERROR_CLASSES), None)
+            kind = message("bus.emergency_unknown" if group is None else f"bus.emergency_{group:02x}")
+            text = message("bus.emergency", node=node, emergency=code, kind=kind, register=register)
             origin = self._after_emergency(node, code, register)
             return Word(row, "emcy", text, of, origin)
         if identifier > HEARTBEAT and len(data) == 1:
@@ -135,7 +112,8 @@ class NetworkWatch:
             if state == BOOT_UP or before not in {None, state}:
                 again = before == OPERATIONAL and state == PRE_OPERATIONAL
                 origin = LOST if state == BOOT_UP else DOUBTFUL if again else ""
-                return Word(row, "heartbeat", f"node {node}: {STATES.get(state, state)}", of, origin)
+                named = message(f"bus.state_{state}") if state in STATES else str(state)
+                return Word(row, "heartbeat", message("bus.node_state", node=node, state=named), of, origin)
         return None
 
     def _after_emergency(self, node: int, code: int, register: int) -> str:
@@ -159,18 +137,18 @@ class NetworkWatch:
         of = tuple(j for number, fields in self._nodes.items() for j in fields if node in (0, number))
         if command not in RESETS or not of:
             return None
-        return Word(row, "nmt", f"{RESETS[command]}, {f'node {node}' if node else 'all nodes'}", of, LOST)
+        return Word(row, "nmt", message(f"bus.{RESETS[command]}" if node else f"bus.{RESETS[command]}_all", node=node), of, LOST)
 
 
 def _error(row: int, identifier: int, data: bytes, classed: bool) -> Word:
     """Return the event of an error frame: its class and data, as far as the interface or the log has them."""
-    shown = f", data {data.hex().upper()}" if data else ""
+    shown = data.hex().upper() or "–"
     if not classed or not identifier:
-        return Word(row, "bus_error", f"error frame{f' with identifier {identifier:X}h' if identifier else ''}{shown}")
+        return Word(row, "bus_error", message("bus.error_frame", identifier=identifier, data=shown))
     passive = identifier & CONTROLLER and len(data) > 1 and data[1] & sum(PASSIVE[1:])
     kind = "bus_off" if identifier & BUS_OFF else "error_passive" if passive else "bus_error"
-    names = ", ".join(name for bit, name in ERROR_NAMES.items() if identifier & bit)
-    return Word(row, kind, f"error frame of class {identifier:03X}h ({names}){shown}")
+    names = tuple(message(f"bus.error_{bit:x}") for bit in ERROR_BITS if identifier & bit)
+    return Word(row, kind, message("bus.error_frame_of", identifier=identifier, names=names, data=shown))
 
 
 SEVERAL = 1.5
@@ -208,23 +186,23 @@ class BusWatch:
 
     def silence(self, bit_rate: int | None) -> str:
         """Why no count may have come, in words."""
-        rate = "another bit rate than the bus has" if bit_rate is None else f"another bit rate than the {bit_rate} bit/s of the rig"
+        rate = message("bus.other_rate") if bit_rate is None else message("bus.other_rate_than", rate=bit_rate)
         if self.errors and not self._seen:
-            return f"{self.errors} error frames and none that can be read: {rate}, or a line without its terminating resistors"
+            return message("bus.only_errors", count=self.errors, rate=rate)
         if not self._seen:
-            return f"no frame at all: nothing is connected or switched on, or {rate} is set"
+            return message("bus.no_frame", rate=rate)
         counting = any(self._is_of(f, identifier, wide) for f in self.fields for identifier, wide in self._seen)
         if self._synced and counting and not self._seen[(self.sync_id, False)]:
-            return f"the counters' frames come, but no SYNC {self.sync_id:03X}h: nobody sends it, or sync_id of the rig is another"
+            return message("bus.no_sync", sync_id=self.sync_id)
         if counting and (twice := self.twice()):
-            return "; ".join(twice)
+            return joined(twice)
         foreign = self.foreign()
         if counting and foreign:
-            return f"its counters' frames do not come; there are frames of {', '.join(foreign)}, which the rig does not name"
+            return message("bus.other_frames_too", found=tuple(foreign))
         if foreign:
             wanted = ", ".join(f"{f.identifier:03X}h" for f in self.fields)
-            return f"frames come, but of {', '.join(foreign)}; the rig's counters are in {wanted}"
-        return "its counters' frames do not come" if self._seen else ""
+            return message("bus.other_frames", found=tuple(foreign), wanted=wanted)
+        return message("bus.no_counter_frames") if self._seen else ""
 
     def foreign(self) -> list[str]:
         """Identifiers that nobody of the rig sends, the most frequent first."""
@@ -235,7 +213,7 @@ class BusWatch:
             for (identifier, wide), n in self._seen.most_common()
             if not any(self._is_of(f, identifier, wide) for f in self.fields) and (wide or identifier not in network)
         ]
-        return [*out[:REPORTED], *([f"{len(out) - REPORTED} more"] if len(out) > REPORTED else [])]
+        return [*out[:REPORTED], *([message("bus.more", count=len(out) - REPORTED)] if len(out) > REPORTED else [])]
 
     def twice(self, every: Mapping[str, int] | None = None) -> list[str]:
         """Signs of two senders where one should be, a line each; every: channels that answer every n-th SYNC only."""

@@ -154,9 +154,9 @@ class BusSource:
             raise
         except Exception as error:  # each driver has its own way to say that there is no such device
             # python-can calls functions of a driver's library that it has not found: Kvaser's
-            reported = (
-                "its driver is not installed" if isinstance(error, NameError) else " ".join(str(error).split()) or type(error).__name__
-            )
+            reported = " ".join(str(error).split()) or type(error).__name__
+            if isinstance(error, NameError):
+                reported = message("bus.no_driver")
             raise AcquisitionError(message("error.cannot_be_opened_lmeasure", where=self.name, reported=reported)) from error
         _enlarge_buffer(bus)
         return bus
@@ -191,7 +191,7 @@ class BusSource:
         count = len(self._arrived)
         if self._garbled:
             garbled, self._garbled = self._garbled, 0
-            self._notices.append(Notice("unread", f"{garbled} datagram(s) to {self.name} were no frames"))
+            self._notices.append(Notice("unread", message("bus.garbled", count=garbled, bus=self.name)))
         if count == 0:
             if self._lost is not None:
                 raise self._lost

@@ -16,7 +16,7 @@ from lmeasure.core import AcquisitionError
 from lmeasure.kernels import rests
 from lmeasure.recording import Counts
 from lmeasure.rig import Drum, Rig, SensorTable
-from lmeasure.text import message
+from lmeasure.text import composed, message
 
 STICK_MM, STICK_DEG = 0.2, 0.02
 """By how much a count may be off its line by itself: a cable that sticks and slips, play."""
@@ -81,7 +81,8 @@ def counts_from_frames(
     samples = joined(parts)
     if len(samples.time_s) == 0:
         table = rig.can_table
-        wanted = f"SYNC {table.sync_id:#x}" if table.timing == "sync" else f"frame of channel {fields[0].channel}"
+        own = message("bus.frame_of_channel", channel=fields[0].channel)
+        wanted = composed("SYNC {sync_id:#x}", sync_id=table.sync_id) if table.timing == "sync" else own
         raise AcquisitionError(message("error.frames_but_no_among", where=source, frames=frames, wanted=wanted))
     channels = tuple(f.channel for f in fields)
     recorded, stamp_s = (samples.recorded, None) if samples.frames is None else samples.frames
@@ -123,7 +124,8 @@ def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1, *,
             # up to here the others still stood: the count is good
             begin = first + int(np.argmax(np.median(np.delete(way[first : last + 1] - way[first], j, axis=1), axis=1) > 0))
             recorded[begin : last + 1, j] = np.nan
-            span = f"for {counts.time_s[last] - counts.time_s[begin]:.6g} s, the others were moved by {np.median(others):.1f} mm"
+            lasted = float(counts.time_s[last] - counts.time_s[begin])
+            span = message("event.stall", seconds=lasted, others=float(np.median(others)))
             events.add(Event(begin, origin_s + float(counts.time_s[begin]), channel, "stall", span))
             found = True
     if not found:

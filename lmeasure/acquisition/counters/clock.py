@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from lmeasure.acquisition.bus.frames import EXTENDED, Frames, join
 from lmeasure.acquisition.counters.decoders import NO_RANGE, CounterField, decode
 from lmeasure.core import FloatArray, IntArray
+from lmeasure.text import message
 
 MODULI_S = {2**32 * 1e-6: "2^32 us", 60.0: "60 s", 2**16 * 1e-3: "2^16 ms", 3600.0: "1 h", 86400.0: "24 h", 2**32 * 1e-3: "2^32 ms"}
 """Ranges of clocks that restart: GVRET and ESP32, SLCAN, timers of 16 and 32 bits, and times of day."""
@@ -266,7 +267,7 @@ class _Line:
         self._key[f:k] = self._key[f:k][turn]
         here = slice(f - self._known, k - self._known)
         self.order[here] = self.order[here][turn]
-        self.repairs.append(Repair(float(self._t[f]), "reordered", f"{k - i} frames were written behind {i - f} later ones"))
+        self.repairs.append(Repair(float(self._t[f]), "reordered", message("event.written_late", frames=k - i, later=i - f)))
         return k
 
     def _regular(self, f: int, i: int, times: FloatArray) -> bool:
@@ -304,7 +305,7 @@ class _Line:
         if move is None:
             move = self._due_before(f, k) if not np.isfinite(least_s) else least_s - float(was[0])
         self._t[f:k] = np.clip(np.maximum.accumulate(was + move), least_s, most_s)
-        text = f"{k - f} frame(s) stamped {abs(move):.6g} s too {'late' if move < 0 else 'early'}: their neighbours contradict them"
+        text = message("event.stamped_late" if move < 0 else "event.stamped_early", frames=k - f, seconds=abs(move))
         self.repairs.append(Repair(float(self._t[f]), "stamp", text))
 
     def _due_before(self, f: int, k: int) -> float:
@@ -328,10 +329,10 @@ class _Line:
             longest = max(RESTART_S, 20 * self._period) if from_zero else expected + BACK * self._period
             if -BACK * self._period < passed < longest:
                 self._move(i, modulus)
-                self.repairs.append(Repair(float(t[i]), "clock_wrap", f"the clock started again at the end of its range, {name}"))
+                self.repairs.append(Repair(float(t[i]), "clock_wrap", message("event.clock_wrap", range=name)))
                 return
         self._move(i, step + expected)
-        self.repairs.append(Repair(float(t[i]), "time", f"back by {step:.6g} s"))
+        self.repairs.append(Repair(float(t[i]), "time", message("event.clock_back", seconds=step)))
 
     def _move(self, i: int, by: float) -> None:
         self._t[i:] += by

@@ -15,7 +15,7 @@ from lmeasure.acquisition.counters.wraps import may_wrap
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.kernels import runs_on
 from lmeasure.rig import StartInput
-from lmeasure.text import message
+from lmeasure.text import Message, message
 
 RESET_WITHIN = 2
 """Units from zero within which a device that starts again is found."""
@@ -50,10 +50,6 @@ class Unit:
     slack: float = 0.0
     tight: float = 0.0
     hard: float = 0.0
-
-    def text(self, units: float) -> str:
-        """So many units, and what they are."""
-        return f"{units:.0f} units ({units * self.size:.2g} {self.name})"
 
 
 class _Piece(NamedTuple):
@@ -266,7 +262,7 @@ class CounterState:
             self.doubt = None
             if not low <= doubt.totals[0] <= high or (doubt.restart and high - low > self.unit.tight):
                 row -= 1
-                self._lose(piece, row, "its counts do not continue its motion", events)
+                self._lose(piece, row, message("event.not_continued"), events)
                 return row
             self._state_step(piece, row - 1, high - low, events)
             self._learn(times, counts, piece.usual_s, behind_gap=True)
@@ -305,8 +301,10 @@ class CounterState:
             elif piece.gaps[i] and hard:  # late without a gap by a hard stop, or missing readings: nobody knows
                 self._state_step(piece, i, max(high for _, high in bands) - min(low for low, _ in bands), events)
             return turns
-        why = "the device may have started anew at zero" if restart else f"{low - before:.0f} to {high - before:.0f} follow from its motion"
-        text = f"{total - before:+d} units in {most_s:.3g} s: {why}"
+        moved = {"moved": int(total - before), "seconds": most_s}
+        text: str = message("event.restarted", **moved)
+        if not restart:
+            text = message("event.not_its_motion", low=float(low - before), high=float(high - before), **moved)
         events.add(Event(int(piece.samples[i]), float(piece.times[i]), self.field.channel, "doubt", text))
         self.doubt = Doubt(pause, restart)
         return turns
@@ -317,9 +315,10 @@ class CounterState:
 
     def _state_step(self, piece: _Piece, i: int, width: float, events: EventLog) -> None:
         sample, channel = int(piece.samples[i]), self.field.channel
-        events.add(Event(sample, float(piece.times[i]), channel, "gap_step", f"a step below {self.unit.text(width)} would not be seen"))
         size = width * self.unit.size
         unit = message(f"acquisition.unit.{self.unit.name}")
+        hidden = message("event.gap_step", units=float(width), size=size, unit=unit)
+        events.add(Event(sample, float(piece.times[i]), channel, "gap_step", hidden))
         at = message("acquisition.step_at_sample", channel=channel, units=float(width), size=size, unit=unit, sample=sample)
         events.note_step(channel, size, at)
 
@@ -331,7 +330,7 @@ class CounterState:
         self, values: IntArray, plain: IntArray, steps: IntArray, limit: FloatArray, times: FloatArray, samples: IntArray, events: EventLog
     ) -> None:
         for i in np.flatnonzero(plain != steps):
-            events.add(Event(int(samples[i]), float(times[i]), self.field.channel, "wrap", f"from {values[i] - plain[i]} to {values[i]}"))
+            events.add(Event(int(samples[i]), float(times[i]), self.field.channel, "wrap", _from_to(values[i] - plain[i], values[i])))
         for i in np.flatnonzero(np.abs(steps) > limit):
             text = message("acquisition.units_where_possible", moved=steps[i], possible=limit[i])
             events.add(Event(int(samples[i]), float(times[i]), self.field.channel, "jump", text))
@@ -349,8 +348,8 @@ class CounterState:
             unsure &= True if calm is None else ~calm
             if unsure.any():
                 i = int(np.argmax(unsure))
-                text = f"{piece.pause[i]:.3g} s without a count, in which {limit[i]:.0f} units are possible: its range is {self.values}"
-                found.append((i, "lost_wrap", text))
+                lost = message("event.lost_wrap", seconds=float(piece.pause[i]), units=float(limit[i]), range=self.values)
+                found.append((i, "lost_wrap", lost))
         length = np.abs(steps)
         previous = np.concatenate([[abs(self.step)], length[:-1]])
         following = np.concatenate([length[1:], [0]])
@@ -358,12 +357,16 @@ class CounterState:
         zero = (np.abs(values) <= RESET_WITHIN) & (length > RESET_LEAST) & ((length > RESET_FACTOR * usual) | (length > limit)) & ~follows
         if zero.any() and not self.absolute:
             i = int(np.argmax(zero))
-            found.append((i, "reset", f"from {int(values[i] - steps[i])} to {values[i]}"))
+            found.append((i, "reset", _from_to(values[i] - steps[i], values[i])))
         if not found:
             return None
         row, kind, text = min(found)
         events.add(Event(int(samples[row]), float(times[row]), self.field.channel, kind, text))
         return row
+
+
+def _from_to(before: int, after: int) -> Message:
+    return message("event.from_to", before=int(before), after=int(after))
 
 
 class StartLine:

@@ -18,6 +18,7 @@ from lmeasure.acquisition.counters.events import Event
 from lmeasure.acquisition.counters.samples import Samples
 from lmeasure.core import AcquisitionError, FloatArray
 from lmeasure.rig import Rig
+from lmeasure.text import message
 
 TURN_S = 0.05
 """How long one look at the source takes at most."""
@@ -106,7 +107,7 @@ class Counting:
             self.assembler.events.add(Event(self.samples + row, at, "", notice.kind, notice.text))
         self._noticed = later
         if last and self._heard is not None and (silent := time.monotonic() - self._heard) > STALE_S:
-            self.assembler.events.add(Event(self.samples, self._newest_s, "", "pause", f"no frame in the last {silent:.3g} s"))
+            self.assembler.events.add(Event(self.samples, self._newest_s, "", "pause", message("event.no_frame", seconds=silent)))
 
     def progress(self, seconds: float, disk_free: int | None = None) -> Progress:
         """The state of things, for a display."""
@@ -177,7 +178,7 @@ def nothing_came(counting: Counting) -> str:
     """What is said where not one sample came."""
     channels = ", ".join(f.channel for f in counting.fields)
     why = counting.bus.silence(counting.source.bit_rate or counting.rig.can_table.bit_rate)
-    return f"{counting.source.name}: {counting.frames} frames, not one sample of {channels}: {why}"
+    return message("bus.no_sample", bus=counting.source.name, frames=counting.frames, channels=channels, why=why)
 
 
 @contextlib.contextmanager

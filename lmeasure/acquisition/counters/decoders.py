@@ -95,7 +95,7 @@ class CounterField:
         """Say why a value carries no count."""
         unsigned = value % 2**self.bits if self.reader is None else value
         shown = f"{unsigned:0{(self.bits + 3) // 4}X}h" if self.reader is None else str(value)
-        return f"{shown}: {self.names.get(value) or self.range_text}"
+        return composed("{shown}: {why}", shown=shown, why=self.names.get(value) or self.range_text)
 
     def row(self) -> tuple[int, ...]:
         """The field as `kernels.frames.extract` takes it: the extended flag stands above the identifier's bits."""
@@ -169,7 +169,9 @@ def field_at(channel: CounterChannel, place: Place, counter: Drum | SensorTable)
     if modulus > 2**bits:
         raise AcquisitionError(message("error.can_channel_its_device", channel=channel.channel, modulus=modulus, bits=bits))
     if values is not None and channel.scale * modulus != values:
-        said = f"its drum says counter_bits = {counter.counter_bits}" if counter.codes is None else f"its encoder has {values} codes"
+        said = message("bus.encoder_codes", codes=values)
+        if counter.codes is None:
+            said = message("bus.counter_bits", bits=counter.counter_bits)
         raise AcquisitionError(
             message("error.can_channel_its_device_counts", channel=channel.channel, scale=channel.scale * modulus, said=said)
         )
@@ -187,7 +189,7 @@ def field_at(channel: CounterChannel, place: Place, counter: Drum | SensorTable)
         channel.start,
         channel.scale,
         reserved=RESERVED << bits - 8 if j1939 else None,
-        range_text="reserved, error or not available in J1939" if j1939 else "",
+        range_text=message("event.reserved") if j1939 else "",
         node=_node(channel, identifier, extended),
         absolute=channel.absolute,
     )
@@ -296,8 +298,10 @@ def _stated_values(c: DbcChannel, signal: Any, scale: float) -> dict[str, Any]:
     # decimal figures of the file do not meet whole units exactly
     least = -(2**63) if low is None else max(math.ceil(low - max(1e-6, 1e-12 * abs(low))), -(2**63))
     most = 2**64 - 1 if high is None else min(math.floor(high + max(1e-6, 1e-12 * abs(high))), 2**64 - 1)
-    unit = f" {signal.unit}" if signal.unit else ""
-    said = f"outside [{signal.minimum:g}|{signal.maximum:g}]{unit} of the DBC file" if None not in ends else "outside the DBC file's range"
+    said = message("event.outside_range")
+    if None not in ends:
+        unit = f" {signal.unit}" if signal.unit else ""
+        said = message("event.outside_limits", low=float(signal.minimum), high=float(signal.maximum), unit=unit)
     return out | {"limits": (least, most), "range_text": said}
 
 

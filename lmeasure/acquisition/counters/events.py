@@ -12,41 +12,13 @@ EVENTS_KEPT = 10_000
 CONTRADICTED = 0.05
 """Of a channel's values: where more are outside the stated range, the range is wrong."""
 
-REPAIRED = {
-    "duplicate": "the same frame twice: used once",
-    "reordered": "frames on the wrong side of their SYNC, or out of time order: put back",
-    "duplicate_sync": "the same SYNC twice: used once",
-    "wrap": "the counter passed the end of its range: continued",
-    "stamp": "a few frames stamped otherwise than those before and behind them: they come when they were due",
-    "clock_wrap": "the clock that stamps the frames started again at the end of its range: times continue",
-    "unanswered": "the channel answers every n-th SYNC by its transmission type: the SYNCs between are no samples",
-    "clock_step": "the clock that stamps the frames was set: times continue on this program's steady clock",
-    "gap_step": "behind a gap the counter continues its motion: a step smaller than the one stated would not be seen",
-}
-MARKED = {
-    "gap": "no frame of this channel for the sample: an empty cell",
-    "conflict": "several frames that contradict each other: an empty cell",
-    "short_frame": "a frame too short for the counter it should carry: not read",
-    "missing_sync": "frames without the SYNC that belongs to them: no sample",
-    "jump": "faster than the drum can turn: the counts are kept, and are not trusted from here on",
-    "no_value": "the device sends a value that means `no value`: an empty cell",
-    "doubt": "the count may have another origin than before: empty cells until its motion shows that it has not",
-    "reset": "the encoder started again, or its count does not continue its motion: its origin is lost, empty cells from here on",
-    "lost_wrap": "the counter may have wrapped unseen in a gap: empty cells from here on",
-    "stall": "the channel stands still while the others move: empty cells",
-    "time": "the log's clock was set: times continue one period later, and are not trusted across this point",
-    "pause": "the bus or its SYNC was silent: no samples",
-    "wider": "the counter has more bits than the rig says: its wraps are carries, and are undone only while it moves slowly enough",
-    "emcy": "the encoder reported an emergency",
-    "nmt": "the master reset the node",
-    "bus_error": "the interface reported an error frame",
-    "error_passive": "the interface reported that its controller is error-passive",
-    "bus_off": "the interface went bus-off, or the bus was lost and opened again",
-    "overflow": "frames were not taken in time and are lost: the samples they belong to are not there",
-    "unread": "the log breaks off, or has lines that cannot be read",
-    "heartbeat": "a node changed its state",
-}
-"""Kinds of events: what is done about each."""
+REPAIRED = frozenset(("duplicate", "reordered", "duplicate_sync", "wrap", "stamp", "clock_wrap", "unanswered", "clock_step", "gap_step"))
+"""Kinds of events by which nothing was lost; docs/acquisition.md lists them."""
+MARKED = frozenset((
+    "gap", "conflict", "short_frame", "missing_sync", "jump", "no_value", "doubt", "reset", "lost_wrap", "stall",
+    "time", "pause", "wider", "emcy", "nmt", "bus_error", "error_passive", "bus_off", "overflow", "unread", "heartbeat",
+))  # fmt: skip
+"""Kinds of events that cost counts or samples, or put them in doubt."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from lmeasure.acquisition.counters.events import Event, EventLog
 from lmeasure.acquisition.counters.origins import longest_interval
 from lmeasure.acquisition.counters.samples import LONGEST_HOLD_S, PERIODS, Samples, misfits, note_values, pace, paused, started_late, tie
 from lmeasure.core import BoolArray, FloatArray, IntArray
+from lmeasure.text import message
 
 NO_SYNC = -1
 APART_S = 2e-6
@@ -119,7 +120,7 @@ class FreeAssembler:
         if len(times) == 0:
             return
         for k in np.flatnonzero(np.diff(times) < 0) + 1:
-            self._event(self.given, float(times[k]), i, "reordered", f"{times[k - 1] - times[k]:.6g} s late")
+            self._event(self.given, float(times[k]), i, "reordered", message("event.late", seconds=float(times[k - 1] - times[k])))
         order = np.argsort(times, kind="stable")
         times, values = times[order], values[order]
         due = times <= known
@@ -134,7 +135,7 @@ class FreeAssembler:
         last_time = counter.time_s if counter.seen else -math.inf
         late = times < last_time
         for k in np.flatnonzero(late):
-            self._event(self.given, float(times[k]), i, "conflict", "its time is past already: not used")
+            self._event(self.given, float(times[k]), i, "conflict", message("event.past"))
         times, values = times[~late], values[~late]
         intervals = np.diff(times, prepend=last_time if counter.seen else times[:1])
         self._intervals[i] = np.concatenate([self._intervals[i], intervals[0 if counter.seen else 1 :]])[-PERIODS:]
@@ -144,7 +145,7 @@ class FreeAssembler:
         double = self._doubles(i, times, values, last_time)
         for k in np.flatnonzero(double):
             kind = "duplicate" if values[k] == (values[k - 1] if k else counter.value) else "conflict"
-            self._event(self.given, float(times[k]), i, kind, "" if kind == "duplicate" else "another count at the same time: not used")
+            self._event(self.given, float(times[k]), i, kind, "" if kind == "duplicate" else message("event.same_time"))
         times, values = times[~double], values[~double]
         samples = np.full(len(times), self.given, np.int64)
         if i == 0:
@@ -166,7 +167,7 @@ class FreeAssembler:
         self._instant[i] = at[-1]
         if i == 0:
             for k in np.flatnonzero(paused(passed, period)):
-                self.events.add(Event(int(samples[k]), float(times[k]), "", "pause", f"no count for {passed[k]:.6g} s"))
+                self.events.add(Event(int(samples[k]), float(times[k]), "", "pause", message("event.no_count", seconds=float(passed[k]))))
         self._put(i, times, counts)
 
     def _put(self, i: int, times: FloatArray, counts: FloatArray) -> None:

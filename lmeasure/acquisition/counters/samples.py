@@ -18,7 +18,7 @@ from lmeasure.acquisition.counters.origins import longest_interval
 from lmeasure.acquisition.counters.wraps import Evidence
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.kernels import tabulate
-from lmeasure.text import message
+from lmeasure.text import joined as in_sequence, message
 
 LONGEST_HOLD_S = 0.3
 """Longest time for which a sample waits for the end of a burst of late stamps."""
@@ -107,8 +107,8 @@ def misfits(fields: tuple[CounterField, ...], readings: Readings) -> list[Word]:
     """Return frames whose data do not fit the field that the rig states."""
     out = []
     for j, (field, short, wider) in enumerate(zip(fields, readings.short, readings.wider, strict=True)):
-        out += [Word(row, "short_frame", f"fewer than {field.bytes_needed} bytes", (j,)) for row in short.tolist()]
-        out += [Word(row, "wider", f"the byte behind its {field.bits} bits counts on", (j,)) for row in wider.tolist()]
+        out += [Word(row, "short_frame", message("event.short_frame", bytes=field.bytes_needed), (j,)) for row in short.tolist()]
+        out += [Word(row, "wider", message("event.wider", bits=field.bits), (j,)) for row in wider.tolist()]
     return out
 
 
@@ -236,7 +236,7 @@ class SyncAssembler:
         """Drop frames of encoders that send on after the SYNC has stopped: they belong to no sample."""
         surplus = np.flatnonzero(self._window == len(self._sync_time) - 1)[FRAMES_OF_A_SYNC * len(self.fields) :]
         if len(surplus):
-            self._event(len(self._sync_time), "", "missing_sync", f"{len(surplus)} frames without a SYNC")
+            self._event(len(self._sync_time), "", "missing_sync", message("event.without_sync", frames=len(surplus)))
             keep = np.ones(len(self._window), np.bool_)
             keep[surplus] = False
             self._keep(keep)
@@ -253,7 +253,8 @@ class SyncAssembler:
         for k in np.flatnonzero((np.diff(numbers) > 1) & (numbers[:-1] > 0)):
             row = len(self._sync_time) - len(sync) + int(np.searchsorted(sync, counted[k - len(numbers) + len(counted) + 1]))
             missing = int(numbers[k + 1] - numbers[k]) - 1
-            self._event(row, "", "missing_sync", f"SYNC {numbers[k + 1]} follows {numbers[k]}: {missing} missing by their counter")
+            text = message("event.missing_sync", number=int(numbers[k + 1]), before=int(numbers[k]), missing=missing)
+            self._event(row, "", "missing_sync", text)
 
     def _hear(self, frames: Frames, readings: Readings) -> None:
         """Take messages between the readings, and frames that do not fit, with the SYNC before them."""
@@ -421,7 +422,7 @@ class SyncAssembler:
                     n[c, w], value[c, w], n[c, w + 1] = 1, value[c, w + 1], 0
                     self._window[(self._window == w + 1) & (self._field == c)] = w
                     self.transmission.moved(int(c), self.syncs + int(w))
-                    self._event(int(w), self.fields[c].channel, "reordered", "after the next SYNC")
+                    self._event(int(w), self.fields[c].channel, "reordered", message("event.after_sync"))
         due = self.transmission.due(self.syncs, self.syncs + n.shape[1])
         kept = self._kept(ready) | (n[:, :ready] > 0).all(axis=0)
         return np.asarray(kept), due[:, :ready]
@@ -432,7 +433,7 @@ class SyncAssembler:
             n = int(self.transmission.n[c])
             text: str = message("acquisition.answers_every_sync", n=ordinal(n))
             if n > 1 and not self.transmission.meets:
-                text += '; no SYNC is answered by all channels: give them one transmission type, or state timing = "free"'
+                text = in_sequence((text, message("event.never_together")))
             self._event(0, self.fields[c].channel, "unanswered", text)
 
     def _pauses(self, instants: FloatArray, ready: int, last: bool) -> None:
@@ -441,10 +442,10 @@ class SyncAssembler:
         self._last_instant = at[-1:]
         for w in np.flatnonzero(paused(np.diff(at), self._period or 0.0)):
             row = int(w) + 1 - (len(at) - ready)
-            self._event(row, "", "pause", f"no SYNC for {at[w + 1] - at[w]:.6g} s")
+            self._event(row, "", "pause", message("event.no_sync", seconds=float(at[w + 1] - at[w])))
         silent = self._latest_s + self._time_shift - at[-1:]
         if last and paused(silent, self._period or 0.0).any():
-            self._event(ready, "", "pause", f"no SYNC in the last {silent[0]:.6g} s, though frames came")
+            self._event(ready, "", "pause", message("event.no_sync_at_end", seconds=float(silent[0])))
 
     def _without_sync(self, instants: FloatArray, ready: int) -> None:
         """Drop frames that answer a missing SYNC, up to the SYNC behind those that are ready: a late answer may follow it.
@@ -470,7 +471,7 @@ class SyncAssembler:
         strays &= missed | ~due | (self._at - stamps[self._window] > max(LONG * self._period, HELD_UP_S))
         for w in np.unique(self._window[strays]):
             channels = len(np.unique(self._field[strays & (self._window == w)]))
-            text = f"{spacing[w]:.6g} s without SYNC, frames of {channels} channels without a sample"
+            text = message("event.unsampled", seconds=float(spacing[w]), channels=channels)
             self._event(int(w) + 1, "", "missing_sync", text)
         if strays.any():
             self._keep(~strays)
@@ -488,14 +489,14 @@ class SyncAssembler:
                 n[c, w - 1], value[c, w - 1] = 1, values[0]
                 n[c, w], value[c, w] = 1, values[1]
                 self._window[mine[0]] = w - 1
-                self._event(w - 1, channel, "reordered", "after the next SYNC")
+                self._event(w - 1, channel, "reordered", message("event.after_sync"))
             elif w >= ready:
                 continue  # what follows is not known yet
             elif len(mine) == 2 and not alone and n[c, w + 1] == 0 and values[0] != values[1]:
                 n[c, w + 1], value[c, w + 1] = 1, values[1]
                 n[c, w] = 1
                 self._window[mine[1]] = w + 1
-                self._event(w + 1, channel, "reordered", "before its SYNC")
+                self._event(w + 1, channel, "reordered", message("event.before_sync"))
             elif (values == values[0]).all():
                 n[c, w] = 1
                 for _ in range(len(mine) - 1):
@@ -578,7 +579,7 @@ class SyncAssembler:
             i = int(back[0])
             before = self._sync_time[i - 1] if i else self._last_time
             step = before - self._sync_time[i]
-            self._event(i, "", "time", f"back by {step:.6g} s")
+            self._event(i, "", "time", message("event.clock_back", seconds=float(step)))
             shift = step + (self._period or FIRST_PERIOD_S)
             self._sync_time[i:] += shift
             self._at[self._window >= i] += shift

@@ -73,7 +73,7 @@ def asc_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frame
     dialect = _Asc(path)
     yield from scanned_batches(path, blocks_of_lines(path, file, report), dialect, report)
     if dialect.block_open:
-        report.ended_early = report.ended_early or "the line End TriggerBlock is missing"
+        report.ended_early = report.ended_early or message("log.no_trigger_end")
 
 
 class _Asc:
@@ -133,13 +133,13 @@ class _Asc:
         elif text.startswith(COMMENT_SIGNS):
             return COMMENT
         elif not ASC_INTERNAL.match(text):
-            raise UnreadableError("neither a frame nor a known event", UNKNOWN_LINE)
+            raise UnreadableError(message("log.no_event"), UNKNOWN_LINE)
         return HEADER
 
     def _start(self, text: str) -> None:
         started = _moment(text)
         if started is None:
-            raise UnreadableError("its date is not understood; times count from 0", UNKNOWN_LINE)
+            raise UnreadableError(message("log.no_date"), UNKNOWN_LINE)
         self.start_s = started
 
     def _frames(self, rest: str) -> Frames:
@@ -150,11 +150,11 @@ class _Asc:
             channel, _, behind, number, extended = named.groups()
             rest = f"{channel} {int(number):{'X' if self.base == 'hex' else 'd'}}{extended}{behind}"
         if NO_NUMBER.search(f" {rest}"):
-            raise ValueError("a number with a sign or an underscore")
+            raise ValueError(message("log.signed_number"))
         frames = by_library(can.ASCReader, f"base {self.base}\ninternal events logged\n0.0 {rest}\n", self.path)
         stated = ASC_STATED.search(rest)
         if stated and not frames.flags[0] & ERROR and frames.identifier[0] != int(stated[1]):
-            raise ValueError(f"its identifier is not the one that it states as ID = {stated[1]}")
+            raise ValueError(message("log.other_identifier", stated=stated[1]))
         return frames
 
 

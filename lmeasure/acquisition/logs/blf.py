@@ -40,7 +40,7 @@ KINDS = {
     "loss stated by the recorder": (91, 125, 126),
 }
 """Names of objects that are no frames."""
-NOT_WHOLE = "cut off"
+NOT_WHOLE, CONTRADICTORY = "cut off", "contradicting itself"
 OTHER = "event or frame of another bus"
 NAMES = {number: name for name, numbers in KINDS.items() for number in numbers}
 
@@ -86,21 +86,21 @@ class _Scan:
             else:
                 break
         if status == BROKEN:
-            self._end(f"after frame {self.frames} an object contradicts itself", "contradicting itself")
+            self._end(message("log.object_contradicts", frame=self.frames), CONTRADICTORY)
         if not whole:
             self.tail = b.tobytes()
         elif b.tobytes().strip(b"\0") and not self.broken:
-            self._end(f"an object after frame {self.frames} is not whole", NOT_WHOLE)
+            self._end(message("log.object_not_whole", frame=self.frames), NOT_WHOLE)
         return parts[0] if len(parts) == 1 else join(parts)
 
     def close(self) -> None:
         """Count the known objects, and say where the last one is cut off."""
         if self.tail.strip(b"\0") and not self.broken:
-            self._end(f"the last object, after frame {self.frames}, is not whole", NOT_WHOLE)
+            self._end(message("log.last_object_not_whole", frame=self.frames), NOT_WHOLE)
         for number in np.flatnonzero(self.known).tolist():
             self.report.known_kinds[NAMES.get(number, OTHER)] += int(self.known[number])
         if lost := int(self.known[list(LOST)].sum()):
-            self.report.remarks.append(f"the recorder itself states {lost} times that it lost data")
+            self.report.remarks.append(message("log.recorder_lost", count=lost))
 
     def _end(self, why: str, kind: str) -> None:
         """Stop reading at an object, which is unread."""
@@ -109,12 +109,14 @@ class _Scan:
         self.report.cannot_read(b"", kind, self._place(), kind)
 
     def _place(self) -> str:
-        return f"object {self.frames + int(self.known.sum()) + self.report.unread + 1}"
+        return message("log.object", number=self.frames + int(self.known.sum()) + self.report.unread + 1)
 
     def _unknown(self, head: bytes) -> int:
         """Count an object that is no known kind or has no known header; return its size."""
         _, version, size, kind = struct.unpack("<4xHHLL", head)
-        name = f"of kind {kind}" if not 0 < kind < OTHER_OBJECTS or kind == CONTAINER else f"with header version {version}"
+        name = message("log.object_version", version=version)
+        if not 0 < kind < OTHER_OBJECTS or kind == CONTAINER:
+            name = message("log.object_kind", kind=kind)
         self.report.cannot_read(b"", name, self._place(), name)
         return int(size)
 
@@ -125,13 +127,13 @@ def _compare(report: LogReport, stated: int) -> None:
     if stated in (0, found, found - report.known_kinds.get("restore point", 0)):
         return
     if stated > found:
-        report.ended_early = report.ended_early or f"the header states {stated} objects, and {found} are there"
+        report.ended_early = report.ended_early or message("log.objects_missing", stated=stated, found=found)
         report.total = stated
-        missing = "stated in the header, but absent"
-        report.cannot_read(b"", missing, f"object {found + 1}", missing)
+        missing = message("log.absent")
+        report.cannot_read(b"", missing, message("log.object", number=found + 1), missing)
         report.unread_kinds[missing] += stated - found - 1
     else:
-        report.remarks.append(f"the header states {stated} objects; {found} are there, and all were read")
+        report.remarks.append(message("log.objects_more", stated=stated, found=found))
 
 
 def _header(path: Path, file: BinaryIO, report: LogReport) -> tuple[float, int]:
@@ -150,9 +152,9 @@ def _header(path: Path, file: BinaryIO, report: LogReport) -> tuple[float, int]:
     read_some(file, size - can.io.blf.FILE_HEADER_STRUCT.size, report)
     actual = path.stat().st_size
     if path.suffix.lower() != ".gz" and actual < stated:
-        report.ended_early = f"the header states {stated} bytes and the file has {actual}"
+        report.ended_early = message("log.bytes_missing", stated=stated, found=actual)
     elif stated <= size:
-        report.ended_early = "the recorder did not close the file"
+        report.ended_early = message("log.not_closed")
     return float(can.io.blf.systemtime_to_timestamp(header[14:22])), int(header[12])
 
 
@@ -173,11 +175,11 @@ def _pieces(file: BinaryIO, report: LogReport) -> Iterator[tuple[bool, bytes]]:
             try:
                 content, whole = first.result()
             except (zlib.error, ValueError) as error:
-                report.ended_early = f"a log container cannot be unpacked: {error}"
+                report.ended_early = message("log.container_packed", error=error)
                 return
             yield True, content
             if not whole:
-                report.ended_early = report.ended_early or "a log container is not whole"
+                report.ended_early = report.ended_early or message("log.container_not_whole")
                 return
 
 
@@ -195,17 +197,17 @@ def _bodies(file: BinaryIO, report: LogReport) -> Iterator[tuple[int | None, byt
             if held[at:].strip(b"\0"):
                 short = len(held) - at < head + PADDING
                 report.ended_early = report.ended_early or (
-                    "the last log container has no whole header" if short else "a log container contradicts itself"
+                    message("log.container_header") if short else message("log.container_contradicts")
                 )
             break
         _, _, _, size, kind = can.io.blf.OBJ_HEADER_BASE_STRUCT.unpack_from(held, start)
         if not head <= size <= LARGEST_CONTAINER:
-            report.ended_early = "a log container contradicts itself"
+            report.ended_early = message("log.container_contradicts")
             break
         if len(held) - start < size:
             held, start = held[start:] + read_some(file, size + BLOCK_BYTES, report), 0
         if len(held) - start < size:
-            report.ended_early = report.ended_early or "the last log container is not whole"
+            report.ended_early = report.ended_early or message("log.last_container_not_whole")
         at = min(start + size, len(held))
         if kind != CONTAINER or at - start < head + can.io.blf.LOG_CONTAINER_STRUCT.size:
             outside.append(held[start:at])
@@ -217,7 +219,7 @@ def _bodies(file: BinaryIO, report: LogReport) -> Iterator[tuple[int | None, byt
             continue
         method, _ = can.io.blf.LOG_CONTAINER_STRUCT.unpack_from(held, start + head)
         if method not in (can.io.blf.NO_COMPRESSION, can.io.blf.ZLIB_DEFLATE):
-            report.ended_early = f"a log container is packed by method {method}, which nobody documents"
+            report.ended_early = message("log.container_method", method=method)
             break
         yield method, held[start + head + can.io.blf.LOG_CONTAINER_STRUCT.size : at]
     if outside:
@@ -234,7 +236,7 @@ def _unpack(method: int, body: bytes) -> tuple[bytes, bool]:
     inflate = zlib.decompressobj()
     data = inflate.decompress(body, LARGEST_CONTAINER)
     if inflate.unconsumed_tail:
-        raise ValueError(f"it grows beyond {LARGEST_CONTAINER} bytes")
+        raise ValueError(message("log.container_grows", bytes=LARGEST_CONTAINER))
     return data, inflate.eof
 
 

@@ -57,13 +57,13 @@ class _Candump:
         if text.startswith(COMMENT_SIGNS):
             return COMMENT
         if not LINE.fullmatch(text):
-            raise UnreadableError("not as candump writes it", UNKNOWN_LINE)
+            raise UnreadableError(message("log.not_candump"), UNKNOWN_LINE)
         plain = " ".join(text.replace(",", ".", 1).split())
         if ERROR_LINE.search(plain):  # python-can drops the class and the data of most
             columns = new_columns(1, CLASSIC_BYTES)
             count, _, _ = self.scan(np.frombuffer(f"{plain}\n".encode(), np.uint8), columns, np.zeros(1, np.int64))
             if not count:
-                raise ValueError("its error frame is not as candump writes it")
+                raise ValueError(message("log.not_candump_error"))
             return frames_of(columns, count, self.names(), self.path)
         return by_library(can.CanutilsLogReader, text.replace(",", ".", 1), self.path)
 

@@ -15,7 +15,16 @@ import numpy as np
 
 from lmeasure.acquisition.bus.frames import BITRATE_SWITCH, CLASSED, ERROR, ERROR_STATE, EXTENDED, FD, LARGEST_CLASS, REMOTE, SENT, Frames
 from lmeasure.acquisition.logs.lines import Line, blocks_of_lines, data_bytes, decimal_number, line_batches
-from lmeasure.acquisition.logs.report import COMMENT, COMMENT_SIGNS, LARGEST_IDENTIFIER, UNKNOWN_LINE, LogFormat, LogReport, UnreadableError
+from lmeasure.acquisition.logs.report import (
+    COMMENT,
+    COMMENT_SIGNS,
+    LARGEST_IDENTIFIER,
+    UNKNOWN_LINE,
+    LogFormat,
+    LogReport,
+    UnreadableError,
+    bytes_announced,
+)
 from lmeasure.kernels import Bytes
 from lmeasure.text import message
 
@@ -90,9 +99,9 @@ class _Screen:
         if found is None and EXPLANATION.fullmatch(_plain(line)):
             return "explanation of an error frame"
         if found is None:
-            raise UnreadableError("not as candump shows it", UNKNOWN_LINE)
+            raise UnreadableError(message("log.not_candump_screen"), UNKNOWN_LINE)
         if found["time"] is None:
-            raise ValueError("it has no time: candump -L or candump -ta writes it")
+            raise ValueError(message("log.candump_no_time"))
         identifier, rest = int(found["identifier"], 16), found["rest"].strip()
         flags = EXTENDED if len(found["identifier"]) > 3 else 0
         flags |= FD if len(found["length"]) > 1 else 0
@@ -117,7 +126,7 @@ def _data(rest: str, length: int) -> bytes:
         return data_bytes(shown.strip().split("`"))[::-1]
     cells = shown.split()
     if len(cells) != length:
-        raise ValueError(f"{length} bytes are announced and {len(cells)} are there")
+        raise ValueError(bytes_announced(length, len(cells)))
     return data_bytes(cells)
 
 

@@ -16,7 +16,7 @@ from lmeasure.acquisition.bus.frames import CLASSED, CLASSIC_BYTES, ERROR, EXTEN
 from lmeasure.acquisition.logs.lines import Line, by_lines, data_bytes, decimal_number, hexadecimal, whole_number
 from lmeasure.acquisition.logs.report import COMMENT, HEADER, LARGEST_STANDARD, LogFormat
 from lmeasure.core import FileFormatError
-from lmeasure.text import message
+from lmeasure.text import composed, message
 
 GVRET_COLUMNS = ("time stamp", "id", "extended", "bus", "len", "d1")
 PYTHON_CAN_COLUMNS = ("timestamp", "arbitration_id", "extended", "remote", "error", "dlc", "data")
@@ -59,7 +59,7 @@ def _gvret_line(cells: list[str], at: dict[str, int]) -> Line:
     extended = _flag(cells[at["extended"]])
     identifier, length = hexadecimal(cells[at["id"]].lower().removeprefix("0x")), whole_number(cells[at["len"]])
     if not extended and identifier > LARGEST_STANDARD:
-        raise ValueError(f"{cells[at['id']]} is no identifier of 11 bits")
+        raise ValueError(message("log.no_identifier_11", text=cells[at["id"]]))
     flags = EXTENDED if extended else 0
     flags |= FD if length > CLASSIC_BYTES else 0
     flags |= SENT if "dir" in at and cells[at["dir"]].lower() == "tx" else 0
@@ -72,14 +72,14 @@ def _python_can_line(cells: list[str], at: dict[str, int]) -> Line:
     flags = sum(mark for name, mark in marks.items() if _flag(cells[at[name]]))
     identifier, length = hexadecimal(cells[at["arbitration_id"]].lower().removeprefix("0x")), whole_number(cells[at["dlc"]])
     if not flags & EXTENDED and identifier > LARGEST_STANDARD:
-        raise ValueError(f"{cells[at['arbitration_id']]} is no identifier of 11 bits")
+        raise ValueError(message("log.no_identifier_11", text=cells[at["arbitration_id"]]))
     time = cells[at["timestamp"]].replace(",", ".")
     if not SECONDS.fullmatch(time):
-        raise ValueError(f"{time[:20]!r} is no number")
+        raise ValueError(message("log.no_number", text=repr(time[:20])))
     try:
         data = base64.b64decode(cells[at["data"]], validate=True)
     except binascii.Error as error:
-        raise ValueError(f"data: {error}") from error
+        raise ValueError(composed("data: {error}", error=error)) from error
     if flags & ERROR and 0 < identifier <= LARGEST_CLASS and len(data) == CLASSIC_BYTES:  # only error frames of SocketCAN have 8 bytes
         flags |= CLASSED
     return Line(float(time), identifier, flags | (FD if length > CLASSIC_BYTES else 0), length, data, "0")
@@ -87,7 +87,7 @@ def _python_can_line(cells: list[str], at: dict[str, int]) -> Line:
 
 def _flag(cell: str) -> bool:
     if cell.lower() not in YES + NO:
-        raise ValueError(f"{cell[:20]!r} is neither true nor false")
+        raise ValueError(message("log.no_truth", text=repr(cell[:20])))
     return cell.lower() in YES
 
 

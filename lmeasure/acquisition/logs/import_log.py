@@ -99,15 +99,17 @@ class ImportedLog:
 
     def seams(self) -> list[str]:
         """Where the log may be two recordings, one behind the other, by the log's own clock: one line each for the first of them."""
-        advice = "if these are two recordings, cut the log there, and import each as a run of its own"
-        times, out = self.counts.time_s, []
+        advice = message("log.two_recordings")
+        times = self.counts.time_s
+        out: list[str] = []
         steps = np.diff(times)
         for i in np.flatnonzero(steps > max(PAUSE_S, 100.0 * float(np.median(steps)))) if len(steps) else ():
-            out.append(f"{self.path}: nothing came for {steps[i]:.6g} s behind {self.start_s + times[i]:.6f} s: {advice}")
+            of = {"log": self.path, "seconds": float(steps[i]), "last": float(self.start_s + times[i])}
+            out.append(message("log.silence", advice=advice, **of))
         for event in self.events.kept:
             if event.kind == "time":
                 last = self.start_s + times[max(min(event.sample, len(times)) - 1, 0)]
-                out.append(f"{self.path}: its clock goes {event.text} behind {last:.6f} s: {advice}")
+                out.append(message("log.clock", log=self.path, how=event.text, last=float(last), advice=advice))
         return out[:SHOWN_SEAMS]
 
 
@@ -169,8 +171,7 @@ def _import_log(
         if np.isnan(column).all():
             there = ", ".join(_name(i) for i in sorted(survey.identifiers)[:SHOWN_IDENTIFIERS])
             wanted = f"{one.identifier:X}{'x' if one.extended else ''}"
-            reported = f"not one count in frames {wanted}; identifiers in the log: {there}"
-            reported += f"; `lmeasure import {pasted(log)} --scan` lists what they carry"
+            reported = message("log.no_count", wanted=wanted, found=there, command=f"lmeasure import {pasted(log)} --scan")
             raise AcquisitionError(message("error.channel", where=log, channel=one.channel, reported=reported))
     start_s = float(assembled.counts.time_s[0])
     own_s = assembled.counts.stamp_s
@@ -235,7 +236,9 @@ def with_dbc(rig: Rig, dbc: Path) -> Rig:
     for name in rig.all_channels:
         carriers = [m.name for m in database.messages if any(s.name == name for s in m.signals)]
         if len(carriers) != 1:
-            what = "no signal of that name is" if not carriers else f"messages {', '.join(carriers)} have a signal of that name"
+            what = message("log.no_signal")
+            if carriers:
+                what = message("log.several_signals", messages=", ".join(carriers))
             raise AcquisitionError(message("error.channel_in_it_say", where=dbc, name=name, what=what))
         channels.append(DbcChannel(channel=name, message=carriers[0], signal=name))
     return rig.model_copy(update={"can": DbcCan(decoder="dbc", dbc=path, channel=tuple(channels))})

@@ -24,6 +24,7 @@ from lmeasure.acquisition.logs.report import (
     Batches,
     LogReport,
     UnreadableError,
+    bytes_announced,
     checked,
     frames_of,
     kind_of_failure,
@@ -32,7 +33,7 @@ from lmeasure.acquisition.logs.report import (
 )
 from lmeasure.core import FileFormatError, IntArray
 from lmeasure.kernels import LATEST_S, ODD, WIDE, Bytes, Columns, line_ends, line_stop
-from lmeasure.text import message
+from lmeasure.text import message, reason
 
 if TYPE_CHECKING:
     import can
@@ -109,8 +110,8 @@ def blocks_of_lines(path: Path, file: BinaryIO, report: LogReport) -> Iterator[B
             report.known_kinds[BLANK] += 1
         else:
             shown = tail[:SHOWN_BYTES].decode("ascii", "replace")
-            report.ended_early = report.ended_early or f"the last line has no end and was not read: {shown!r}"
-            report.cannot_read(tail, "it has no end", f"line {report.total}", NO_END)
+            report.ended_early = report.ended_early or message("log.last_line", shown=repr(shown))
+            report.cannot_read(tail, message("log.no_end"), message("log.line", number=report.total), NO_END)
 
 
 def line_batches(path: Path, blocks: Iterable[Bytes], dialect: Lines, report: LogReport) -> Iterator[Frames]:
@@ -129,27 +130,28 @@ def line_batches(path: Path, blocks: Iterable[Bytes], dialect: Lines, report: Lo
                     report.known_kinds[line] += 1
                     continue
                 if len(buses) == MOST_BUSES and line.bus not in buses:
-                    raise ValueError(f"a bus beyond the first {MOST_BUSES}")  # noqa: TRY301
+                    raise ValueError(message("log.too_many_buses", most=MOST_BUSES))  # noqa: TRY301
                 found.append(_checked(line))
                 buses.setdefault(line.bus, len(buses))
             except FileFormatError:
                 raise  # of the header: nothing behind it can be read
             except (ValueError, IndexError, OverflowError, OSError) as error:
-                why = "cells are missing" if isinstance(error, IndexError) else str(error)
-                report.cannot_read(raw, why, f"line {number}", kind_of_failure(error))
+                why = message("log.cells_missing") if isinstance(error, IndexError) else reason(error)
+                place = "" if report.unread else message("log.line", number=number)
+                report.cannot_read(raw, why, place, kind_of_failure(error))
         yield _frames(found, buses, path)
 
 
 def _checked(line: Line) -> Line:
     if not 0 <= line.identifier <= LARGEST_IDENTIFIER:
-        raise ValueError("it is no identifier of CAN")
+        raise ValueError(message("log.no_identifier"))
     if not abs(line.time_s) <= LATEST_S:
-        raise ValueError(f"{line.time_s} s is no time")
+        raise ValueError(message("log.no_time", seconds=line.time_s))
     limit = FD_BYTES if line.flags & FD else CLASSIC_BYTES
     if len(line.data) > limit or line.length > limit:
-        raise ValueError(f"{max(len(line.data), line.length)} bytes, {limit} are the most")
+        raise ValueError(message("log.too_many_bytes", bytes=max(len(line.data), line.length), most=limit))
     if not line.flags & (REMOTE | ERROR) and line.length != len(line.data):
-        raise ValueError(f"{line.length} bytes are announced and {len(line.data)} are there")
+        raise ValueError(bytes_announced(line.length, len(line.data)))
     return line
 
 
@@ -211,8 +213,8 @@ def scanned_batches(path: Path, blocks: Iterable[Bytes], dialect: ScannedLines, 
                     else:
                         parts.append(found)
                 except ValueError as error:
-                    place = "" if report.unread else f"line {report.total - line_ends(block[pos:]) + 1}"
-                    report.cannot_read(line, str(error), place, kind_of_failure(error))
+                    place = "" if report.unread else message("log.line", number=report.total - line_ends(block[pos:]) + 1)
+                    report.cannot_read(line, reason(error), place, kind_of_failure(error))
                 pos = following
         for kind, count in zip(dialect.kinds, known.tolist(), strict=True):
             if count:
@@ -233,32 +235,32 @@ def by_library(reader: Callable[[io.StringIO], Iterable["can.Message"]], text: s
     try:
         messages = [checked(m) for m in reader(io.StringIO(text))]
     except (IndexError, OverflowError, TypeError) as error:
-        raise ValueError(str(error)) from error
+        raise ValueError(reason(error)) from error
     if not messages:
-        raise UnreadableError("neither a frame nor a known event", UNKNOWN_LINE)
+        raise UnreadableError(message("log.no_event"), UNKNOWN_LINE)
     if any(m.arbitration_id > LARGEST_STANDARD and not m.is_extended_id for m in messages):
-        raise ValueError(f"{messages[0].arbitration_id:X} is no identifier of 11 bits")
+        raise ValueError(message("log.no_identifier_11", text=f"{messages[0].arbitration_id:X}"))
     return frames_from_messages(messages, "log", str(path), classes=False)
 
 
 def whole_number(text: str) -> int:
     """Decimal digits and nothing else; ValueError otherwise."""
     if not WHOLE.fullmatch(text):
-        raise ValueError(f"{text[:20]!r} is no whole number")
+        raise ValueError(message("log.no_whole_number", text=repr(text[:20])))
     return int(text)
 
 
 def decimal_number(text: str) -> float:
     """Read digits, perhaps with a sign, a point or a decimal comma; ValueError otherwise: no recorder writes exponents or underscores."""
     if not DECIMAL.fullmatch(text):
-        raise ValueError(f"{text[:20]!r} is no number")
+        raise ValueError(message("log.no_number", text=repr(text[:20])))
     return float(text.replace(",", "."))
 
 
 def hexadecimal(text: str) -> int:
     """Hexadecimal digits and nothing else; ValueError otherwise."""
     if not HEXADECIMAL.fullmatch(text):
-        raise ValueError(f"{text[:20]!r} is no hexadecimal number")
+        raise ValueError(message("log.no_hexadecimal", text=repr(text[:20])))
     return int(text, 16)
 
 
@@ -275,5 +277,5 @@ def data_bytes(cells: Iterable[str], least: int = 2) -> bytes:
         return bytes.fromhex("".join(texts))
     for text in texts:
         if not least <= len(text) <= 2 or not HEXADECIMAL.fullmatch(text):
-            raise ValueError(f"{text[:20]!r} is no byte")
+            raise ValueError(message("log.no_byte", text=repr(text[:20])))
     return bytes(int(text, 16) for text in texts)

@@ -43,7 +43,7 @@ def mf4_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frame
     if broken and report.frames == 0:
         raise FileFormatError(message("error.cannot_be_read", where=path, broken=broken))
     if broken:
-        report.ended_early = f"after frame {report.frames}: {broken}"
+        report.ended_early = message("log.after_frame", frame=report.frames, why=broken)
 
 
 def _why(error: Exception) -> str:

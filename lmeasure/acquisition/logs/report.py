@@ -13,6 +13,7 @@ import numpy as np
 from lmeasure.acquisition.bus.frames import CLASSIC_BYTES, FD_BYTES, Frames
 from lmeasure.core import check_kind
 from lmeasure.kernels import LATEST_S, NAMED_CHANNELS, Columns
+from lmeasure.text import Message, composed, joined, message as text_of, texts
 
 if TYPE_CHECKING:
     import can
@@ -62,7 +63,8 @@ class LogReport:
         """Count a line or object as unread; place says where it is."""
         if not self.unread:
             shown = line[:SHOWN_BYTES].decode("utf-8", "replace").strip()
-            self.first_unread = f"{place}: {shown!r} ({why})" if shown else f"{place} ({why})"
+            template = "{place}: {shown} ({why})" if shown else "{place} ({why})"
+            self.first_unread = composed(template, place=place, shown=repr(shown), why=why)
         self.unread_kinds[kind] += 1
 
     def close(self) -> None:
@@ -72,7 +74,7 @@ class LogReport:
 
     def notes(self) -> list[str]:
         """Return what a person should know, one line each."""
-        early = [f"ended early: {self.ended_early}; everything before it was read"] if self.ended_early else []
+        early = [text_of("log.ended_early", why=self.ended_early)] if self.ended_early else []
         return early + self._unread() + self.remarks
 
     def why(self) -> str:
@@ -81,9 +83,11 @@ class LogReport:
 
     def empty(self, log: Path) -> str:
         """Return the message about a log without a frame, and why it has none."""
-        there = ", ".join(f"{n} {kind}" for kind, n in self.known_kinds.most_common())
-        why = [*self.notes(), *([f"its {self.total} {self.unit}: {there}"] if there else [])]
-        return f"{log}: holds no CAN frame{': ' if why else ''}{'; '.join(why)}"
+        why = self.notes()
+        if self.known_kinds:
+            why.append(text_of("log.its_lines", total=self.total, unit=_word("unit", self.unit), kinds=_counted(self.known_kinds)))
+        found = text_of("log.no_can_frame", log=log)
+        return composed("{found}: {why}", found=found, why=joined(why)) if why else found
 
     def as_dict(self) -> dict[str, Any]:
         """Return the account for JSON and run.toml."""
@@ -94,9 +98,19 @@ class LogReport:
     def _unread(self) -> list[str]:
         if not self.unread or (self.ended_early and set(self.unread_kinds) == {NO_END}):
             return []
-        kinds = ", ".join(f"{n} {kind}" for kind, n in self.unread_kinds.most_common())
-        first = f"; the first is {self.first_unread}" if self.first_unread else ""
-        return [f"{self.unread} of {self.total} {self.unit} could not be read ({kinds}){first}"]
+        unit, kinds = _word("unit", self.unit), _counted(self.unread_kinds)
+        found = text_of("log.unread", unread=self.unread, total=self.total, unit=unit, kinds=kinds)
+        return [joined([found, *([text_of("log.first_unread", first=self.first_unread)] if self.first_unread else [])])]
+
+
+def _word(subject: str, name: str) -> str:
+    """Return a name of files in words: a unit, or a kind of lines. Those of a plug-in have none."""
+    key = f"log.{subject}.{re.sub(r'[^a-z0-9]+', '_', name.lower())}"
+    return text_of(key) if key in texts("en") else name
+
+
+def _counted(kinds: Counter[str]) -> tuple[Message, ...]:
+    return tuple(composed("{n} {kind}", n=n, kind=_word("kind", kind)) for kind, n in kinds.most_common())
 
 
 class UnreadableError(ValueError):
@@ -134,7 +148,7 @@ def read_into(room: memoryview, file: BinaryIO, report: LogReport) -> int:
     try:
         return file.readinto(room)  # type: ignore[attr-defined, no-any-return]
     except (EOFError, OSError, zlib.error) as error:
-        report.ended_early = f"the file cannot be read further: {error}"
+        report.ended_early = text_of("log.not_further", error=error)
         return 0
 
 
@@ -157,17 +171,22 @@ class Channels:
         return tuple(str(number - 1) for number in numbers[np.argsort(self.places[numbers])])
 
 
+def bytes_announced(announced: int, found: int) -> Message:
+    """Say that a frame does not have the bytes that it announces."""
+    return text_of("log.bytes", announced=announced, found=found)
+
+
 def checked(message: "can.Message") -> "can.Message":
     """The message, its length being that of its data; ValueError where it does not hold the bytes it announces."""
     held = len(message.data)
     if not message.is_remote_frame and not message.is_error_frame:
         if held != message.dlc and not (held == CLASSIC_BYTES < message.dlc and not message.is_fd):
-            raise ValueError(f"{message.dlc} bytes are announced and {held} are there")
+            raise ValueError(bytes_announced(message.dlc, held))
         message.dlc = held
     if held > FD_BYTES or not 0 <= message.dlc < 256 or not 0 <= message.arbitration_id <= LARGEST_IDENTIFIER:
-        raise ValueError("it is no frame of CAN")
+        raise ValueError(text_of("log.no_frame"))
     if not abs(message.timestamp) <= LATEST_S:
-        raise ValueError(f"{message.timestamp} s is no time")
+        raise ValueError(text_of("log.no_time", seconds=message.timestamp))
     return message
 
 

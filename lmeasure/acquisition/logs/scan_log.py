@@ -119,7 +119,7 @@ class Scan(Shown):
     @property
     def times(self) -> str:
         """What its times are."""
-        return "times of day" if self.begins_s > DATED_S else "times from a beginning of its own"
+        return message("log.times_of_day" if self.begins_s > DATED_S else "log.times_own")
 
     def table(self) -> list[str]:
         """The guess as the lines of a `[can]` table, none where nothing looks like a counter."""
@@ -135,7 +135,7 @@ class Scan(Shown):
             lines += [f"byte_offset = {one.first}", f"bits = {bits}", f'byte_order = "{one.order}"']
             if self.sync is not None and carried.answers != 1:
                 answers = (
-                    "does not answer the SYNC"
+                    message("acquisition.answers_no_sync")
                     if carried.answers is None
                     else message("acquisition.answers_every_sync", n=ordinal(carried.answers))
                 )
@@ -397,8 +397,8 @@ def listen(
         if show is not None:
             show(now, tuple(lights.of(key, heard.found[key], now) for key in sorted(heard.found)))
     if not heard.found:
-        why = f"{errors} error frames and none that can be read: another bit rate, or a line without its terminating resistors"
-        silent = "no frame at all: nothing is connected or switched on, nobody sends the SYNC, or another bit rate is set"
+        why = message("bus.only_errors", count=errors, rate=message("bus.other_rate"))
+        silent = message("bus.nothing")
         raise AcquisitionError(composed("{where}: {error}", where=source.name, error=why if errors else silent))
     notes = (message("acquisition.error_frames", count=errors),) if errors else ()
     return heard.scan(Path(source.name), message("acquisition.bus"), notes)

@@ -101,7 +101,7 @@ class _Trc:
             shown = [cell for cell in behind if BYTE.fullmatch(cell)][:4]
             return self._of_adapter(cells[at["O"]], bus, "ER" if error else "ST", [identifier, *shown] if error else shown)
         if direction not in ("Rx", "Tx"):
-            raise UnreadableError(f"{direction[:20]!r} is neither Rx nor Tx", UNKNOWN_LINE)
+            raise UnreadableError(message("log.no_direction", text=repr(direction[:20])), UNKNOWN_LINE)
         length = whole_number(cells[at["L"]])
         remote = behind[:1] == ["RTR"]
         flags = (REMOTE if remote else 0) | (SENT if direction == "Tx" else 0)
@@ -119,7 +119,7 @@ class _Trc:
             return self._of_adapter(cells[at["O"]], bus, cells[at["T"]], shown)
         flags = KINDS.get(cells[at["T"]])
         if flags is None:
-            raise UnreadableError(f"{cells[at['T']][:20]!r} is no type of a line", UNKNOWN_LINE)
+            raise UnreadableError(message("log.no_line_type", text=repr(cells[at["T"]][:20])), UNKNOWN_LINE)
         stated = whole_number(cells[at["l"] if "l" in at else at["L"]])
         shown = cells[at["D"]].split() if "D" in at and len(cells) > at["D"] and not flags & REMOTE else []
         if flags & FD and "l" not in at and len(shown) != stated and stated < len(FD_LENGTHS):
@@ -166,7 +166,7 @@ class _Trc:
         extended = EXTENDED if len(identifier) > STANDARD_DIGITS else 0
         number = hexadecimal(identifier)
         if not extended and number > LARGEST_STANDARD:
-            raise ValueError(f"{identifier} is no identifier of 11 bits")
+            raise ValueError(message("log.no_identifier_11", text=str(identifier)))
         return Line(decimal_number(offset) / 1000 + self.start_s, number, flags | extended, length, data, str(whole_number(bus)))
 
 
