@@ -184,9 +184,10 @@ def _package(named: Any) -> str:
 def schemas() -> str:
     """Return the JSON Schema of every file that has one, folded."""
     from lmeasure.io import FILE_KINDS, shipped
+    from lmeasure.text import message
 
     out: list[str] = []
     for name, kind in FILE_KINDS.items():
-        out += [f"## {kind.file}", "", f"{sentence(escaped(kind.text))} `lmeasure schema {name}` prints this schema.", ""]
+        out += [f"## {kind.file}", "", f"{sentence(escaped(message('schema.' + name)))} `lmeasure schema {name}` prints this schema.", ""]
         out += [f"````{{dropdown}} Schema of {kind.file}", "```json", shipped(name).strip(), "```", "````", ""]
     return "\n".join(out)

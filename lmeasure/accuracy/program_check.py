@@ -172,9 +172,9 @@ def _led(bounds: Bounds, path: CommandedPath, rotation: Rotation) -> Led:
         if (bounds.values(poses) >= MARGIN).all():
             return Led(path.name, points, points)
     if path.end_quaternion_xyzw is not None:
-        return Led(path.name, points, points, "it turns on its way")
+        return Led(path.name, points, points, message("accuracy.path_turns"))
     if path.weave_stroke_mm is not None:
-        return Led(path.name, points, points, "it weaves")
+        return Led(path.name, points, points, message("accuracy.path_weaves"))
     try:
         found = detour(bounds, poses, margin=MARGIN, turns=False)
     except StructureError as error:

@@ -119,7 +119,7 @@ def _compared(certificates: Sequence[tuple[str, dict[str, Any]]]) -> Comparison:
     (first_name, first), *others = ordered
     pairs = tuple(_pair(first_name, first, name, content) for name, content in others)
     if not any(pair.changes or pair.shifts for pair in pairs):
-        why = f": {pairs[0].otherwise[0]} was commanded otherwise" if pairs[0].otherwise else ""
+        why = message("certificate_compare.otherwise", name=pairs[0].otherwise[0]) if pairs[0].otherwise else ""
         raise CertificationError(message("error.has_no_characteristic_in", where=others[0][0], first_name=first_name, why=why))
     return Comparison(_kind(ordered), tuple(name for name, _ in ordered), pairs, _exchangeability(ordered), tuple(_notes(ordered)))
 

@@ -22,7 +22,7 @@ from lmeasure.io import files
 from lmeasure.recording import POSITION_COLUMNS, Run, read_run, write_run
 from lmeasure.rig import Rig
 from lmeasure.simulation import WORK_SPACE_MM, WORK_TILT_RAD, Leg, cell_rig, scattered_poses, simulate_run, smooth_path
-from lmeasure.text import Say, of_terminal
+from lmeasure.text import Say, message, of_terminal
 from lmeasure.trajectory import Trajectory, reconstruct, write_trajectory
 
 if TYPE_CHECKING:
@@ -35,7 +35,6 @@ from scipy.stats import chi2
 
 from lmeasure.core import FloatArray, se3
 from lmeasure.sensors import span_lengths
-from lmeasure.text import message
 
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 HELD_OUT_POSES = 150
@@ -203,15 +202,12 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
         zone=zone,
     )
     lines = (
-        Line("counts lost or changed on the bus", different_counts(moved.run, recorded), ""),
+        Line(message("demo.line.counts"), different_counts(moved.run, recorded), ""),
         *_calibration_lines(campaign.nominal, true, calibration, rng),
         *_trajectory_lines(trajectory, errors),
-        Line("zone volume [m^3]", f"{_volume(zone) - _volume(true_zone):+.4f} of {_volume(true_zone):.4f}", f"{_volume(zone):.4f}"),
+        Line(message("demo.line.zone"), f"{_volume(zone) - _volume(true_zone):+.4f} of {_volume(true_zone):.4f}", f"{_volume(zone):.4f}"),
     )
-    remarks = (
-        "the calibration's error is one draw and nearly the same along the whole run: the fraction inside 95 % scatters with it",
-        *(f"calibration: {w.text}" for w in calibration.record.warnings),
-    )
+    remarks = (message("demo.one_draw"), *(message("demo.calibration_warns", text=w.text) for w in calibration.record.warnings))
     mark(out, lines)
     look = (PAGE, "demo.rrd", "zone.html", "calibration/report.html", "trajectory.parquet", "run", "zone.nc")
     figures = {
@@ -324,9 +320,9 @@ def _calibration_lines(nominal: Rig, true: Rig, calibration: Calibration, rng: n
     u = {p.name: p.u for p in calibration.record.parameters}
     stated = rms(np.array([[u[f"{p.name}.{c}_mm"] for c in "xyz"] for p in true.observation_point])) * math.sqrt(3)
     return (
-        Line("observation points before calibration [mm rms]", f"{point_error(nominal, true):.2f}", ""),
-        Line("observation points [mm rms]", f"{point_error(calibration.rig, true):.3f}", f"u {stated:.3f}"),
-        Line("cable lengths at poses held out [mm rms]", f"{held_out_length_error(true, calibration.rig, rng):.4f}", ""),
+        Line(message("demo.line.points_before"), f"{point_error(nominal, true):.2f}", ""),
+        Line(message("demo.line.points"), f"{point_error(calibration.rig, true):.3f}", f"u {stated:.3f}"),
+        Line(message("demo.line.lengths"), f"{held_out_length_error(true, calibration.rig, rng):.4f}", ""),
     )
 
 
@@ -334,14 +330,14 @@ def _trajectory_lines(trajectory: Trajectory, errors: Errors) -> tuple[Line, ...
     u = trajectory.u
     samples, ok = len(trajectory.status), int((trajectory.status == Status.OK).sum())
     return (
-        Line("samples reconstructed", f"{ok} of {samples}", ""),
+        Line(message("demo.line.samples"), f"{ok} of {samples}", ""),
         Line(
-            "gripper position [mm rms]",
+            message("demo.line.position"),
             f"{vector_rms(errors.position_mm):.4f}",
             f"u {vector_rms(u[:, :3]):.4f}; {errors.inside_position:.1%} inside 95 %",
         ),
         Line(
-            "gripper rotation [mrad rms]",
+            message("demo.line.rotation"),
             f"{1e3 * vector_rms(errors.rotation_rad):.4f}",
             f"u {1e3 * vector_rms(u[:, 3:]):.4f}; {errors.inside_rotation:.1%} inside 95 %",
         ),

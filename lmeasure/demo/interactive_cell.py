@@ -189,7 +189,7 @@ class PlayedCell:
 
     def _go_to(self, name: str) -> str:
         if self._poses is None or name not in self._poses.names:
-            known = "none was given by --poses" if self._poses is None else f"they are {', '.join(self._poses.names)}"
+            known = message("demo.no_poses") if self._poses is None else message("demo.known_poses", names=", ".join(self._poses.names))
             raise LMeasureError(message("error.there_is_no_pose", name=name, known=known))
         i = self._poses.names.index(name)
         self._go(se3.displaced(self._poses.rows[i], self._errors[i]))

@@ -71,7 +71,7 @@ def read_items(places: Sequence[str], subject: str, folders: str = "") -> tuple[
         else:
             matches = sorted(glob.glob(place, recursive=True))  # noqa: PTH207 - a pattern may begin at any folder
             if not matches:
-                raise SettingsError("items", f"{place}: is not there" if not glob.has_magic(place) else f"{place}: nothing has such a name")
+                raise SettingsError("items", message("fleet.nothing_matches" if glob.has_magic(place) else "fleet.not_there", place=place))
             found += _named([Path(match) for match in matches], subject, folders)
     twice = _first_twice((item.robot, item.day, item.name) for item in found)
     if twice is not None:

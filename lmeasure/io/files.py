@@ -192,8 +192,8 @@ def _likely(text: str, error: Exception) -> str:
     line = text.splitlines()[int(found[1]) - 1] if found and int(found[1]) <= len(text.splitlines()) else ""
     comma = re.search(r"=\s*([-+]?\d+),(\d+)\s*(#.*)?$", line)
     if comma:
-        return f"; a number has a point: {comma[1]}.{comma[2]}"
-    return "; a text ends with a quotation mark on its line" if line.partition("#")[0].count('"') % 2 else ""
+        return message("file.decimal_point", number=f"{comma[1]}.{comma[2]}")
+    return message("file.quotation_mark") if line.partition("#")[0].count('"') % 2 else ""
 
 
 def write_toml(path: Path, data: Mapping[str, Any]) -> None:

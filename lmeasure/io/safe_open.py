@@ -17,7 +17,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, BinaryIO, cast
 
 from lmeasure.core import FileFormatError, LMeasureError
-from lmeasure.text import message
+from lmeasure.text import composed, message
 
 LARGEST_BYTES = 1 << 33
 """Of a file that is read as a whole: more than an hour of counts, less than any memory it is read on could bear."""
@@ -123,7 +123,7 @@ class _Bounded:
     def read(self, size: int = -1) -> bytes:
         data = self._file.read(DIRECTORY_BYTES + 1 if size < 0 or size > DIRECTORY_BYTES else size)
         if len(data) > DIRECTORY_BYTES:
-            raise zipfile.BadZipFile("it has too many entries")
+            raise zipfile.BadZipFile(message("zip.too_many_entries"))
         return data
 
 
@@ -156,49 +156,49 @@ def unpack(archive: zipfile.ZipFile, folder: Path, name_of: Callable[[str], str]
         with archive.open(entry) as source, target.open("xb") as sink:
             shutil.copyfileobj(source, sink, PIECE)
             if sink.tell() != entry.file_size:
-                raise zipfile.BadZipFile(f"{entry.filename!r} has {sink.tell()} bytes instead of {entry.file_size}")
+                raise zipfile.BadZipFile(message("zip.other_size", name=repr(entry.filename), found=sink.tell(), stated=entry.file_size))
 
 
 def _check_entries(archive: zipfile.ZipFile, most: int) -> None:
     entries = archive.infolist()
     if len(entries) > MOST_ENTRIES:
-        raise zipfile.BadZipFile(f"it has {len(entries)} entries, {MOST_ENTRIES} are the most")
+        raise zipfile.BadZipFile(message("zip.entries", found=len(entries), most=MOST_ENTRIES))
     if (total := sum(entry.file_size for entry in entries)) > most:
-        raise zipfile.BadZipFile(f"it holds {total} bytes, {most} are the most")
+        raise zipfile.BadZipFile(message("zip.bytes", found=total, most=most))
     for entry in entries:
         if (wrong := _wrong(entry)) is not None:
-            raise zipfile.BadZipFile(f"{entry.filename!r} {wrong}")
+            raise zipfile.BadZipFile(composed("{name} {wrong}", name=repr(entry.filename), wrong=wrong))
     end, files, folders = archive.start_dir, set[str](), set[str]()
     for entry in sorted(entries, key=lambda entry: entry.header_offset, reverse=True):
         # the same bytes would serve for many files, and a small zip unpack to a huge one
         needs = LOCAL_HEADER + len(entry.orig_filename) + entry.compress_size
         if entry.header_offset < 0 or entry.header_offset + needs > end:
-            raise zipfile.BadZipFile(f"{entry.filename!r} lies over another file or is larger than the zip")
+            raise zipfile.BadZipFile(message("zip.overlaps", name=repr(entry.filename)))
         end = entry.header_offset
         path = PurePosixPath(entry.filename)
         folders |= {_alike(above) for above in (path.parents if not entry.is_dir() else (path, *path.parents))}
         if not entry.is_dir() and _alike(path) in files:
-            raise zipfile.BadZipFile(f"{entry.filename!r} is in it twice, at least for a system that knows no capitals")
+            raise zipfile.BadZipFile(message("zip.twice", name=repr(entry.filename)))
         files |= set() if entry.is_dir() else {_alike(path)}
     if both := sorted(files & folders):
-        raise zipfile.BadZipFile(f"{both[0]!r} is a file and a folder")
+        raise zipfile.BadZipFile(message("zip.file_and_folder", name=repr(both[0])))
 
 
 def _wrong(entry: zipfile.ZipInfo) -> str | None:
     """Return what keeps an entry from being a file, or a folder, inside the archive; None where nothing does."""
     parts = entry.filename.removesuffix("/").split("/")
     if any(part in ("", ".", "..") or _NO_NAME.search(part) or len(part.encode("utf-8", "replace")) > LARGEST_NAME for part in parts):
-        return "is no name of a file in a folder"
+        return message("zip.no_name")
     if len(entry.filename) > 1000:
-        return "is too long a name"
+        return message("zip.long_name")
     if stat.S_IFMT(entry.external_attr >> 16) not in (0, stat.S_IFREG, stat.S_IFDIR):
-        return "is no regular file"
+        return message("zip.not_regular")
     if entry.flag_bits & 0x41:
-        return "is encrypted"
+        return message("zip.encrypted")
     if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        return f"is compressed by method {entry.compress_type}; deflation is wanted"
+        return message("zip.method", method=entry.compress_type)
     if entry.compress_type == zipfile.ZIP_STORED and entry.file_size != entry.compress_size:
-        return "has two different sizes"
+        return message("zip.two_sizes")
     return None
 
 

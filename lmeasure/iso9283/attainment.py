@@ -188,12 +188,9 @@ def _check_order(poses: Sequence[AttainedPose], program: Program, still_mm: floa
             if ELSEWHERE * _besides_a_frame(poses) < np.sqrt(np.mean(nearest**2)):
                 return
             other = program.pose[int(np.argmin(apart[j]))].name
-            said = "the program runs in another order than its windows say"
+            said = message("iso.other_order")
             if ELSEWHERE**2 * miss > own[j]:
-                said = (
-                    f"it stands so far from all poses ({miss:.4g} mm from the nearest one, in the median) that their order is unknown; "
-                    "the robot is not the one that the program was made for, or the program's frame is another"
-                )
+                said = message("iso.far_from_all", miss=miss)
             raise CertificationError(
                 message(
                     "error.pose_cycle_at_s",

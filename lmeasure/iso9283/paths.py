@@ -204,7 +204,7 @@ class Crossings:
             if len(holes):
                 i = int(holes[0])
                 (a, b), way = cycle.time_s[i : i + 2], cycle.way_mm[i + 1] - cycle.way_mm[i]
-                return f"cycle {number}: there are no samples from {a:.6g} to {b:.6g} s, on {way:.3g} mm of the way"
+                return message("iso.no_samples", cycle=number, begin=float(a), end=float(b), way=float(way))
         return None
 
     @property

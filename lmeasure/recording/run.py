@@ -289,11 +289,11 @@ def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart
     table = checked(data, RunFile, str(path))
     if table.rig is None and rig_path is None:
         raise FileFormatError(message("error.rig_is_missing_it", where=path))
-    rig, calibration = read_linked_rig(rig_path or inside(folder, table.rig or "", f"{path}: rig", "the run folder"))
+    rig, calibration = read_linked_rig(rig_path or inside(folder, table.rig or "", f"{path}: rig", message("run.the_folder")))
     if len(table.passes) < rig.passes:
         raise FileFormatError(message("error.has_pass_but_the", where=path, n_passes=len(table.passes), passes=rig.passes))
     names = [one.counts for one in table.passes]
-    counts = [inside(folder, name, f"{path}: pass {n}: counts", "the run folder") for n, name in enumerate(names, 1)]
+    counts = [inside(folder, name, f"{path}: pass {n}: counts", message("run.the_folder")) for n, name in enumerate(names, 1)]
     recorded = recorded_in(data, path)
     check_digests(recorded, dict(zip(names, counts, strict=True)), path)
     torn = tuple(any(r.early and r.passage == number for r in recorded) for number in range(1, len(counts) + 1))

@@ -15,7 +15,7 @@ from lmeasure.io import Strict, files
 from lmeasure.kernels import ATTACHMENT_XYZ
 from lmeasure.recording.poses import poses_from_rows
 from lmeasure.rig import TYPICAL_SIZES, Rig, Unstated
-from lmeasure.text import message
+from lmeasure.text import joined, message
 
 LENGTHS = "lengths_mm"
 TYPED = "angles"
@@ -125,7 +125,7 @@ def start_of_rig(start: Any, rig: Rig, path: Path | str) -> FloatArray:
         if len(found) == 1 or far[1] > CLEARLY * far[0]:
             found = found[:1]
     if len(found) > 1 or not (all_of_them or about[0] is not None):
-        hint = "position_mm and quaternion_xyzw of about where the tool starts, nearer to one of them, or side in the rig file"
+        hint = message("start.state_side")
         raise FileFormatError(message("error.start_lengths_mm_fit", where=path, listed=_listed(found, all_of_them), hint=hint))
     return np.asarray(found[0])
 
@@ -165,9 +165,8 @@ def _listed(poses: FloatArray, all_of_them: bool) -> str:
     texts = []
     for pose in poses:
         place = ", ".join(f"{x:.1f}" for x in pose[:3])
-        texts.append(f"({place}) mm with quaternion ({', '.join(f'{x:.3f}' for x in pose[3:])})")
-    more = "" if all_of_them else " (there may be others, which are hard to find)"
-    return f"{len(poses)} {'assembly' if len(poses) == 1 else 'assemblies'}: {'; '.join(texts)}{more}"
+        texts.append(message("start.pose", place=place, turn=", ".join(f"{x:.3f}" for x in pose[3:])))
+    return message("start.assemblies" if all_of_them else "start.assemblies_at_least", count=len(poses), poses=joined(texts))
 
 
 def start_pose(start: Any, angles: str, path: Path | str) -> FloatArray:

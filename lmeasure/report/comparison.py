@@ -99,15 +99,15 @@ def reported(better: Improvement) -> list[str]:
     """What a person reads of an improvement, line by line."""
     low, high = better.factor_95
     before, after = better.before_mm[0], better.after_mm[0]
-    within = f"{low:.3g} to {high:.3g}" if math.isfinite(high) else f"{low:.3g} or more"
+    within = message("report.factor_within", low=low, high=high) if math.isfinite(high) else message("report.factor_least", low=low)
     parts = better.parts
-    found = "" if parts.identified_mm is None else f", identification {parts.identified_mm:.4f}"
-    limits = f"instrument {parts.instrument_mm:.4f}, robot's scatter {parts.scatter_mm:.4f}{found} mm"
+    code = "report.floor" if parts.identified_mm is None else "report.floor_identified"
+    of = {"instrument": parts.instrument_mm, "scatter": parts.scatter_mm, "identified": parts.identified_mm}
     return [
         message("report.mean_distance_from_commanded", before=before, after=after),
-        f"improvement: {better.factor:.3g} times ({within}, at 95 %)",
-        f"noise floor {better.floor_mm:.4f} mm: {limits}",
-        "what is left is at the noise floor" if after <= AT_THE_FLOOR * better.floor_mm else "what is left is above the noise floor",
+        message("report.improvement", factor=better.factor, within=within),
+        message(code, floor=better.floor_mm, **of),
+        message("report.at_the_floor" if after <= AT_THE_FLOOR * better.floor_mm else "report.above_the_floor"),
     ]
 
 

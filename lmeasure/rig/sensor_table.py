@@ -231,7 +231,7 @@ class SensorTable(Strict):
         """Yield what contradicts the rig's other tables: the key, empty for the whole table, and what is wrong."""
         to = getattr(self, "to", None)
         if to is not None and to not in rig.tool:
-            yield "to", f"{to!r} is no point of [tool] ({', '.join(rig.tool)})"
+            yield "to", message("rig.no_tool_point", point=repr(to), known=", ".join(rig.tool))
 
     @classmethod
     def parameters(cls) -> tuple[OwnParameter, ...]:

@@ -72,15 +72,15 @@ class Swivel(AngleSensor):
         """Yield what is wrong with its point and cable."""
         points = [p.name for p in rig.observation_point]
         if self.point not in points:
-            yield "point", f"{self.point!r} is no observation_point ({', '.join(points)})"
+            yield "point", message("rig.no_observation_point", point=repr(self.point), known=", ".join(points))
             return
         leaving = [c for c in rig.cable if c.from_point == self.point]
-        determined = ", ".join(c.name for c in leaving) or "there is none"
+        determined = ", ".join(c.name for c in leaving) or message("rig.no_cable")
         if self.cable is not None and self.cable not in [c.name for c in leaving]:
-            yield "cable", f"{self.cable!r} is no cable from {self.point} ({determined})"
+            yield "cable", message("rig.no_cable_from", cable=repr(self.cable), point=self.point, known=determined)
         several = max(Counter(c.passage for c in leaving).values(), default=0) > 1
         if not leaving or (self.cable is None and several):
-            yield "", f"say by cable which of the cables from {self.point} turns {self.channel} ({determined})"
+            yield "", message("rig.state_cable", point=self.point, channel=self.channel, known=determined)
 
     def names(self, channel: SensorChannel) -> list[str]:
         """Return the calibration record's names of the kernels' parameters: those of its point, its cable's end, and the zero."""

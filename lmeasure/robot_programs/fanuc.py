@@ -107,24 +107,24 @@ def _target(k: int, source: Source, name: str, span: Span, current: dict[str, se
     start = text.find("GP1", *span)
     other = re.compile(r"GP[2-9]").search(text, *span)
     if start < 0:
-        return "has nothing of group 1"
+        return message("robot_programs.no_group_1")
     stop = other.start() if other and other.start() > start else span[1]
     fields = {}
     for m in _FIELD.finditer(text, start, stop):
         if m[2].startswith("*"):
-            return "not taught"
+            return message("robot_programs.not_taught")
         unit = "mm" if m[1] in "XYZ" else "deg"
         if m[3] and m[3] != unit and m[1][0] != "E":
-            return f"{m[1]} in {m[3]}"
+            return message("robot_programs.in_unit", name=m[1], unit=m[3])
         if m[1] in fields:
-            return f"{m[1]} stated twice"
+            return message("robot_programs.stated_twice", name=m[1])
         fields[m[1]] = (float(m[2]), m.span(2))
     both = all(key in fields for key in (*AXES, *POSE))
     joints = "J1" in fields and not both
     wanted = AXES if joints else POSE
     missing = [key for key in wanted if key not in fields]
     if missing:
-        return f"{', '.join(missing)} not stated"
+        return message("robot_programs.not_stated", names=", ".join(missing))
     if why := wrong([v for v, _ in fields.values()]):
         return why
     out = [key for key in fields if key[0] == "E" and fields[key][0]]
@@ -134,13 +134,13 @@ def _target(k: int, source: Source, name: str, span: Span, current: dict[str, se
     for m in _FRAME.finditer(text, start, stop):
         own = m[2] if m[2].isdigit() else next(iter(current[m[1]])) if len(current[m[1]]) == 1 else ""
         if not own.isdigit() and not joints:
-            return f"{m[1]} is the one that the controller then has"
+            return message("robot_programs.of_controller", name=m[1])
         frames[m[1]] = f"{m[1]}[{int(own)}]" if own.isdigit() else ""
     if set(frames) != {"UF", "UT"} and not joints:
-        return "UF and UT not stated"
+        return message("robot_programs.not_stated", names="UF, UT")
     config = _CONFIG.search(text, start, stop)
     if config is None and not joints and text.find("CONFIG", start, stop) >= 0:
-        return "a CONFIG of another kind"
+        return message("robot_programs.other_config")
     flags = {} if config is None else {"flip": int(config[1] == "F"), "up": int(config[2] != "D"), "front": int(config[3] == "T")}
     flags |= {} if config is None else {f"turn{i}": int(config[3 + i]) for i in (1, 2, 3)}
     values, spans = zip(*(fields[key] for key in wanted), strict=True)

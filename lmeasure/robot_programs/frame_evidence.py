@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.core import FloatArray, RobotError, se3
 from lmeasure.robot_programs.program import Dialect, Listing, Target
 from lmeasure.robots import RobotModel
-from lmeasure.text import message
+from lmeasure.text import joined, message
 
 NOMINAL_MM, NOMINAL_PART, NOMINAL_RAD = 10.0, 0.005, np.radians(1.0)
 """By how much a nominal robot may miss its controller's poses, in mm or parts of its reach: several times what arms err by."""
@@ -106,19 +106,19 @@ def contradicted(listing: Listing, dialect: Dialect, robot: RobotModel, *, singl
             raise RobotError(_refusal(listing, pairs[off[0]], known[off[0]], len(off), len(known), frame=frame))
         if len(sure_off) > 0.5 * len(sure) and sure:
             said = _refusal(listing, pairs[sure_off[0]], known[sure_off[0]], len(sure_off), len(sure), frame=None)
-            raise RobotError(said + _level(list(pairs.values()), listing, dialect, robot))
+            raise RobotError(joined((said, *_level(list(pairs.values()), listing, dialect, robot))))
     return {i: message("program.not_one_place", apart=known[i].apart) for i in sure_off}
 
 
-def _level(pairs: Sequence[Pair], listing: Listing, dialect: Dialect, robot: RobotModel) -> str:
+def _level(pairs: Sequence[Pair], listing: Listing, dialect: Dialect, robot: RobotModel) -> tuple[str, ...]:
     """Say so where the program counts the third axis from the horizontal, as FANUC controllers do, and the robot does not."""
     for sign in (1.0, -1.0) if len(robot.joint_names) == 6 and not robot.sliding.any() else ():
         turned = [replace(p, joints=p.joints + sign * p.joints[1] * np.eye(6)[2]) for p in pairs]
         compared = [_compared(p, listing, dialect, robot) for p in turned]
         if all(c is not None and c.agree for c in compared):
             names = robot.joint_names
-            return f"; {names[2]} is counted from the horizontal: add a link that follows {names[1]} by {sign:g} (docs/robots.md)"
-    return ""
+            return (message("robot_programs.from_horizontal", third=names[2], second=names[1], by=sign),)
+    return ()
 
 
 def _large(compared: _Compared) -> bool:
@@ -203,14 +203,12 @@ def _strange(wrong: FloatArray) -> bool:
 def _refusal(listing: Listing, pair: Pair, compared: _Compared, count: int, of: int, *, frame: tuple[str, FloatArray] | None) -> str:
     target = pair.target
     where = f"{listing.sources[target.source].name}:{target.line}: {target.name}"
-    begin = f"{where}: the robot's flange at its joint values is {compared.apart} from where its pose has it ({count} of {of} points)"
+    begin = message("robot_programs.flange_elsewhere", where=where, apart=compared.apart, count=count, of=of)
     if frame is None:
-        return f"{begin}; no other base or flange explains it: joint zeros, directions or the robot are others, or the points are"
+        return joined((begin, message("robot_programs.unexplained")))
     name, wrong = frame
     shift, turn = (np.round(v, 1) + 0.0 for v in (wrong[:3], Rotation.from_quat(wrong[3:]).as_rotvec(degrees=True)))
-    by = f"{', '.join(f'{v:.1f}' for v in shift)} mm and a turn of {', '.join(f'{v:.1f}' for v in turn)}°"
+    by = {"shift": tuple(map(float, shift)), "turn": tuple(map(float, turn))}
     if name == "base":
-        state = f"the frame {target.base} of the program (--frames), or the robot's base: `identify --base-link LINK`, [base] of robot.toml"
-    else:
-        state = f"the tool {target.tool} of the program (--frames), or the robot's flange: `identify --tip LINK`, [flange] of robot.toml"
-    return f"{begin}; its {name} differs from the controller's by {by}: state {state}"
+        return joined((begin, message("robot_programs.other_base", frame=target.base, **by)))
+    return joined((begin, message("robot_programs.other_flange", tool=target.tool, **by)))

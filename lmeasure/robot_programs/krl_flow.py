@@ -7,6 +7,7 @@ from itertools import accumulate
 
 from lmeasure.robot_programs.frame_flow import Event, State, States, states
 from lmeasure.robot_programs.program import Span, pieces
+from lmeasure.text import message
 
 NULL = "$NULLFRAME"
 FIXED = ("fixed tool", "")
@@ -135,7 +136,7 @@ def _change(k: int, m: re.Match[str], frame_of: FrameOf, fdat_of: FdatOf) -> Cal
     elif m["value"]:
         name = frame_of(k, which, m.span("value"))
     else:
-        name = f"${which} changed in line {m.string.count(chr(10), 0, m.end()) + 1}"
+        name = message("robot_programs.changed_in_line", name=f"${which}", line=m.string.count("\n", 0, m.end()) + 1)
     return (lambda s: (name, *s[1:])) if which == "BASE" else (lambda s: (s[0], name, s[2]))
 
 

@@ -102,7 +102,7 @@ class _Reader(Reader):
 
     def _frame_at(self, k: int, name: str, place: int) -> str:
         """The name of a frame; what a routine is given has one that nobody states."""
-        return f"{name} of line {self.line(k, place)}, which its routine is given" if self._hides(k, name, place) else name
+        return message("robot_programs.given_to_routine", name=name, line=self.line(k, place)) if self._hides(k, name, place) else name
 
     def _changed(self, k: int, text: str) -> None:
         """What the program changes while it runs is no constant, and where a routine that is given a target moves to it is not

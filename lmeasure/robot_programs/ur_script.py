@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.core import FloatArray, se3
 from lmeasure.robot_programs.frame_flow import Event, State, states
 from lmeasure.robot_programs.program import NUMBER, Dialect, Listing, Reader, Source, Span, Target, closing, numbers_in, pieces, wrong
-from lmeasure.text import message
+from lmeasure.text import composed, message
 
 _SET = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*=\s*(p?)(?=\[)", re.M)
 _ASSIGNED = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*(?:\[[^\]]*\]\s*)?=(?!=)", re.M)
@@ -87,14 +87,19 @@ class _Script:
                 moves[m.start()] = m[1], arguments[: 2 if m[1] == "movec" else 1]
                 events.append(Event(m.start(), "move"))
         for m in _MOVED_ALONG.finditer(text):
-            along = f"{m[1]} of line {self.source.line(m.start())}" if m[1] else ""
+            along = message("robot_programs.of_line", name=m[1], line=self.source.line(m.start())) if m[1] else ""
             events.append(Event(m.start(), "set", change=partial(_along, along)))
         for place, found in states(sorted(events, key=lambda e: e.place), ("tcp", "")).items():
             move, arguments = moves[place]
             for argument in arguments:
                 along = max((state[1] for state in found), default="")
                 if along:
-                    self.leave(place, f"{move} {text[slice(*argument)]}: is moved along by {along}")
+                    self.leave(
+                        place,
+                        composed(
+                            "{move} {pose}: {why}", move=move, pose=text[slice(*argument)], why=message("program.moved_along", along=along)
+                        ),
+                    )
                     for name in re.findall(r"\w+", text[slice(*argument)]):
                         if name in self.named:
                             self.named[name].changed = message("program.moved_along", along=along)
@@ -154,7 +159,8 @@ class _Script:
     def _tool(self, argument: Span) -> str:
         """The name of the tool that a set_tcp sets; one that is computed is stated nowhere."""
         word = self.text[slice(*argument)]
-        name, found = f"set_tcp of {self.reader.where(self.k, argument[0])}", self._pose_of(argument)
+        name: str = message("robot_programs.set_tcp_of", where=self.reader.where(self.k, argument[0]))
+        found = self._pose_of(argument)
         if found is not None:
             # one that is set again is the same
             name = next((n for n, f in self.frames.items() if n.startswith("set_tcp") and np.array_equal(f, found)), name)

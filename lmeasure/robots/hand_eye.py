@@ -79,7 +79,7 @@ def frames(robot: Poses, instrument: Poses, seed: int = 0) -> Identified[GivenPo
     """
     both = [n for n in instrument.names if n in set(robot.names)]
     if not both:
-        firsts = f"the robot's first is {robot.names[0]!r}, the first that was measured {instrument.names[0]!r}"
+        firsts = message("robots.first_names", robot=repr(robot.names[0]), measured=repr(instrument.names[0]))
         raise RobotError(message("error.no_pose_has_one", firsts=firsts))
     of_robot = robot.of(np.array([robot.names.index(n) for n in both], dtype=np.int64))
     seen = instrument.of(np.array([instrument.names.index(n) for n in both], dtype=np.int64))

@@ -19,13 +19,12 @@ from lmeasure.io import files, read_regular
 from lmeasure.robots.robot import GEOMETRY, MOST_JOINTS, Joint, Prismatic, Robot, robot_from_dict, serial
 from lmeasure.robots.serial_robot import NEARLY_PARALLEL
 from lmeasure.robots.urdf_tree import CARRIED, MOVING, Branch, Mimic, Tree
-from lmeasure.text import composed, message
+from lmeasure.text import message
 
 LARGEST = 1 << 24
 MM = 1e3
 ENDLESS_RAD = 100.0
 """Limits [rad, m] from here on say that a joint has none."""
-XACRO = "is xacro, a template of URDF: run `xacro FILE -o robot.urdf` (from ROS) and state robot.urdf"
 _HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 
@@ -74,7 +73,7 @@ def read_urdf(path: Path, tip: str | None = None, base: str | None = None) -> Ro
             at = se3.compose(at, _frame(elements[id(branch)], branch.name, path))
         else:
             known = ", ".join((*MOVING, "fixed"))
-            advice = "; state with --base-link where the arm begins behind it" if branch.kind in CARRIED else ""
+            advice = message("robots.state_base_link") if branch.kind in CARRIED else ""
             raise RobotError(
                 message("error.joint_type_is_none", where=path, name=branch.name, kind=branch.kind, known=known, advice=advice)
             )
@@ -172,7 +171,7 @@ def _parsed(path: Path) -> etree._Element:
     if root.tag != "robot":
         raise RobotError(message("error.is_not_urdf_its", where=path, tag=root.tag))
     if any("xacro" in str(element.tag) for element in root.iter()):
-        raise RobotError(composed("{where}: {error}", where=path, error=XACRO))
+        raise RobotError(message("robots.is_xacro", file=path))
     return root
 
 
@@ -280,7 +279,7 @@ def _number(text: str | None, usual: float, joint: str, path: Path) -> float:
     except ValueError:
         value = math.nan
     if math.isnan(value):
-        advice = f"; the file {XACRO}" if "${" in str(text) else ""
+        advice = message("robots.maybe_xacro") if "${" in str(text) else ""
         raise RobotError(message("error.joint_is_not_a", where=path, joint=joint, text=str(text)[:60], advice=advice))
     return value
 
@@ -291,7 +290,7 @@ def _vector(text: str | None, joint: str, path: Path) -> FloatArray:
     except ValueError:
         values = np.empty(0)
     if len(values) != 3 or not np.isfinite(values).all() or np.abs(values).max() > 1e6:
-        advice = f"; the file {XACRO}" if "${" in str(text) else ""
+        advice = message("robots.maybe_xacro") if "${" in str(text) else ""
         raise RobotError(message("error.joint_is_not_three", where=path, joint=joint, text=str(text)[:60], advice=advice))
     return values
 

@@ -70,7 +70,9 @@ class Tree:
         if asked is not None:
             if asked not in self._above:
                 joint = self.by_name.get(asked)
-                known = f"it is a joint, whose link is {joint.child!r}" if joint else f"links that end a chain: {', '.join(self._leaves())}"
+                known = message("robots.ends_of_chains", links=", ".join(self._leaves()))
+                if joint:
+                    known = message("robots.is_a_joint", link=repr(joint.child))
                 raise RobotError(message("error.no_chain_of_joints_leads", where=self.path, asked=asked, known=known))
             return asked
         for branch in self.branches:
@@ -114,7 +116,7 @@ class Tree:
         while name in self.by_name and (mimic := self.by_name[name].mimic) is not None:
             way.append(mimic)
             if mimic.joint not in self.by_name or mimic.joint in seen:
-                why = "follows itself" if mimic.joint in seen else "which is no joint of the file"
+                why = message("robots.follows_itself" if mimic.joint in seen else "robots.no_joint_of_file")
                 raise RobotError(message("error.joint_follows_mimic", where=self.path, name=name, joint=mimic.joint, why=why))
             name = mimic.joint
             seen.add(name)

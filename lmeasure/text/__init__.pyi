@@ -14,6 +14,7 @@ from .messages import (
     JOINED as JOINED,
     Lines as Lines,
     Message as Message,
+    Versions as Versions,
     composed as composed,
     count_of as count_of,
     faults as faults,

@@ -154,6 +154,25 @@ def _replaced(document: Any, known: Mapping[str, Message]) -> Any:
     return document
 
 
+class Versions(str):
+    """An English text with its words in each language, of something that writes itself whole; a value of messages."""
+
+    versions: Mapping[str, str]
+
+    def __new__(cls, versions: Mapping[str, str]) -> "Versions":
+        """Return the text of these versions, by language."""
+        out = super().__new__(cls, versions["en"])
+        out.versions = versions
+        return out
+
+    def text(self, language: str) -> str:
+        """Return the text in a language."""
+        return self.versions.get(language, str(self))
+
+    def __getnewargs__(self) -> tuple[Mapping[str, str]]:  # type: ignore[override]
+        return (self.versions,)
+
+
 class Lines(str):
     """A text of several lines that are messages: `splitlines` gives them as they are."""
 

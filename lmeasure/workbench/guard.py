@@ -24,6 +24,8 @@ from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from lmeasure.io import LARGEST_NAME
+from lmeasure.text import message
+from lmeasure.workbench.text import preferred, said
 
 HERE = "127.0.0.1"
 """The one name of this server: by `localhost` a browser may come to another program's [::1]."""
@@ -35,7 +37,6 @@ SHOWN = "/shown/"
 LARGEST_PATH, LARGEST_HEADERS = 4096, 2**16
 """Bytes of a path, and of all headers."""
 LARGEST_BODY, LARGEST_UPLOAD = 2**21, 2**31
-TOO_LARGE = "the content is larger than {:g} MiB"
 UPLOADS = ("/upload", "/verify")
 PAGE = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; font-src 'self'; connect-src 'self'; "
@@ -141,7 +142,7 @@ class Guard:
             return
         most, length = LARGEST_UPLOAD if let_in["path"] in UPLOADS else LARGEST_BODY, Headers(scope=scope).get("content-length", "0")
         if int(length) > most:
-            await _too_large(most)(scope, receive, _answering(send, ""))
+            await _refusal(Headers(scope=scope), _too_large(most), 413)(scope, receive, _answering(send, ""))
             return
         await self.app(let_in, _bounded(receive, most), _answering(send, let_in["at"]))
 
@@ -149,14 +150,14 @@ class Guard:
         """Return the request as the pages know it, its session's path in `at`, or what is answered to one who may not come in."""
         headers, path = Headers(scope=scope), scope["path"]
         if headers.get("host", "") != self.host:
-            return _refusal(f"this server answers to {self.site.name} alone")
+            return _refusal(headers, message("guard.other_host", host=self.site.name))
         origin, method = headers.get("origin"), scope.get("method", "GET")
         if origin is not None and origin != self.origin:
-            return _refusal("asked from another page")
+            return _refusal(headers, message("guard.other_page"))
         # a person followed a link to the first page, in a mail or a terminal
         by_link = scope["type"] == "http" and path == "/" and headers.get("sec-fetch-mode") == "navigate"
         if headers.get("sec-fetch-site", "none") not in ("none", "same-origin") and not by_link:
-            return _refusal("asked from another page")
+            return _refusal(headers, message("guard.other_page"))
         if (strange := _strange(path, headers)) is not None:
             return strange
         scheme, _, given = headers.get("authorization", "").partition(" ")
@@ -170,13 +171,13 @@ class Guard:
             session = self.door.spend(query["code"][0])
             if session is not None:
                 return self._welcome(session)
-            return _refusal("this address has let in a browser already, or is of an earlier run; PROJECT/.workbench/address has a new one")
+            return _refusal(headers, message("guard.used_address"))
         begin, _, rest = path[1:].partition("/")
         # another server may have set a cookie of the same name for all paths: both come
         if not any(self.door.knows(f"/{begin}", cookie) for cookie in self._cookies(headers)):
-            return _refusal("open the address in PROJECT/.workbench/address, which lets in one browser")
+            return _refusal(headers, message("guard.open_address"))
         if (method not in READING or scope["type"] == "websocket") and origin is None:
-            return _refusal("a request that changes something says where it comes from")
+            return _refusal(headers, message("guard.no_origin"))
         return {**scope, "path": f"/{rest}", "raw_path": f"/{rest}".encode(), "at": f"/{begin}"}
 
     def _welcome(self, session: Session) -> Response:
@@ -205,24 +206,25 @@ def _same(given: str, secret: str) -> bool:
     return hmac.compare_digest(given.encode("utf-8", "replace"), secret.encode())
 
 
-def _refusal(text: str, status: int = 403) -> Response:
-    return PlainTextResponse(f"lmeasure: {text}\n", status)
+def _refusal(headers: Headers, text: str, status: int = 403) -> Response:
+    """Return an answer in the browser's language."""
+    return PlainTextResponse(f"lmeasure: {said(preferred(headers.get('accept-language', '')), text)}\n", status)
 
 
-def _too_large(most: int) -> Response:
-    return _refusal(TOO_LARGE.format(most / 2**20), 413)
+def _too_large(most: int) -> str:
+    return message("guard.too_large", megabytes=most / 2**20)
 
 
 def _strange(path: str, headers: Headers) -> Response | None:
     """Return what is answered to a request of no sensible form; None to any other."""
     encoded = path.encode("utf-8", "surrogatepass")
     if b"\0" in encoded or len(encoded) > LARGEST_PATH or any(len(part) > LARGEST_NAME for part in encoded.split(b"/")):
-        return _refusal("no file or page has such a name", 404)
+        return _refusal(headers, message("guard.no_page"), 404)
     if sum(len(name) + len(value) for name, value in headers.raw) > LARGEST_HEADERS:
-        return _refusal(f"the headers are larger than {LARGEST_HEADERS} bytes", 431)
+        return _refusal(headers, message("guard.headers", bytes=LARGEST_HEADERS), 431)
     length = headers.get("content-length", "0")
     if not (length.isascii() and length.isdigit()) or len(length) > 15:
-        return _refusal("the length of the content is no number of bytes", 400)
+        return _refusal(headers, message("guard.length"), 400)
     return None
 
 
@@ -232,12 +234,12 @@ def _bounded(receive: Receive, most: int) -> Receive:
 
     async def received() -> Message:
         nonlocal taken
-        message = await receive()
-        if message["type"] == "http.request":
-            taken += len(message.get("body", b""))
+        came = await receive()
+        if came["type"] == "http.request":
+            taken += len(came.get("body", b""))
             if taken > most:
-                raise HTTPException(413, TOO_LARGE.format(most / 2**20))
-        return message
+                raise HTTPException(413, _too_large(most))
+        return came
 
     return received
 

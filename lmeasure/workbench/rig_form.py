@@ -150,7 +150,8 @@ def _readable(name: str) -> str:
 
 def filled(document: Mapping[str, Any], form: Mapping[str, str]) -> tuple[dict[str, Any], list[str]]:
     """The content with what the form says, and what of the form is no value; keys that the file has not are refused."""
-    content, wrong = copy.deepcopy(dict(document)), []
+    content = copy.deepcopy(dict(document))
+    wrong: list[str] = []
     for _, leaves in parts(document):
         for leaf in leaves:
             text = form.get(leaf.key)
@@ -159,7 +160,7 @@ def filled(document: Mapping[str, Any], form: Mapping[str, str]) -> tuple[dict[s
             try:
                 _put(content, leaf.key.split("."), _value(text.strip(), leaf))
             except ValueError:
-                wrong.append(f"{leaf.key}: {text.strip()!r} is not a number")
+                wrong.append(message("rig_file.not_a_number", key=leaf.key, text=repr(text.strip())))
     return content, wrong
 
 
@@ -184,7 +185,7 @@ def save(path: Path, form: Mapping[str, str]) -> list[str]:
     """Write what the form says into the file; complaints, all at once, where it would not be what it is, and then nothing is written."""
     document, now = read(path)
     if form.get("_digest") != now:
-        return [f"{path.name} was changed meanwhile by somebody else; load the page again"]
+        return [message("rig_file.changed", name=path.name)]
     content, wrong = filled(document, form)
     wrong = wrong or faults(path, content)
     if not wrong and content != dict(document):

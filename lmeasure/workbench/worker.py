@@ -72,7 +72,7 @@ class Worker:
 
 
 def _too_much(path: Path, memory: int) -> str:
-    return f"{path}: takes more than {memory / 2**20:.0f} MB of memory to be read; a page shows no such file"
+    return message("workbench.too_much_memory", path=path, megabytes=memory / 2**20)
 
 
 def _answer(talk: Connection, memory: int) -> None:

@@ -178,7 +178,7 @@ def _campaign(settings: Settings) -> "Campaign":
     from lmeasure.recording import stated_start
 
     if not is_run(settings.folder):
-        refuse(settings, "goes with a run folder", "rig", "start")
+        refuse(settings, message("refuse.run_folder"), "rig", "start")
         read = read_campaign(settings.folder, columns_of(settings.columns))
         return without_slips(read, str(settings.folder / "reference_poses.csv"))
     if not settings.self_calibration:

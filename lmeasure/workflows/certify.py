@@ -80,16 +80,16 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     from lmeasure.report import Choices, every_figure, headline, write_certificate
 
     if not settings.dcc:
-        refuse(settings, "goes with --dcc", "xsd")
+        refuse(settings, message("refuse.dcc"), "xsd")
     if settings.run is None:
         refuse(
-            settings, "goes with --run", "rig", "constraint", "continuous", *(("repeatability_mm",) if settings.repeatability_mm else ())
+            settings, message("refuse.run"), "rig", "constraint", "continuous", *(("repeatability_mm",) if settings.repeatability_mm else ())
         )
     if settings.continuous and settings.repeatability_mm:
         raise SettingsError("continuous", message("curve.linear"))
     beside = ("columns", "u_position_mm", "u_rotation_deg")
     if settings.run is not None:
-        refuse(settings, "is said of a trajectory from elsewhere; with --run the poses are those of its counts", *beside)
+        refuse(settings, message("refuse.elsewhere"), *beside)
     known_convention(settings.angles)
     template = Details() if settings.details is None else read_details(settings.details)
     same = ("align", "angles", "tool_offset_mm", "capability", "limit_u95_mm", "still_mm", "trials", "seed")

@@ -134,7 +134,7 @@ def _calibrations(settings: Settings) -> "Result[Comparison | Moved]":
         raise SettingsError("certificates", message("error.holds_no_calibration_json", where=other))
     if len(settings.certificates) != 2:
         raise SettingsError("certificates", message("error.of_calibrations_two_are"))
-    refuse(settings, "goes with certificates, and these are calibrations", "page", "corrections")
+    refuse(settings, message("refuse.certificates"), "page", "corrections")
     found = compare_records(*map(read_earlier, settings.certificates))
     if settings.out is not None:
         files.write_text(settings.out, canonical(asdict(found)).decode("utf-8"))

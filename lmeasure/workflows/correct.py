@@ -150,7 +150,7 @@ def _by_map(settings: Settings) -> Correcting:
     from lmeasure.robots import error_map, read_map
 
     assert settings.map is not None
-    refuse(settings, "is for an identified robot; a map is in the robot's base", "near", "base")
+    refuse(settings, message("refuse.identified"), "near", "base")
     given = read_map(settings.map, columns_of(settings.columns))
     try:
         errors = error_map(given.poses, given.errors_mm, given.turns, turned=given.turned)
@@ -200,7 +200,7 @@ def _listing(settings: Settings) -> "tuple[Listing, Dialect]":
     )
     listing = replace(listing, targets=tuple(t for t in listing.targets if t.name not in settings.skip), unread=(*listing.unread, *left))
     if not listing.targets:
-        first = f"; the first that was left: {listing.unread[0]}" if listing.unread else ""
+        first = message("workflow.first_left", first=listing.unread[0]) if listing.unread else ""
         raise RobotError(message("error.no_target_that_can", where=", ".join(names), name=dialect.name, first=first))
     return listing, dialect
 

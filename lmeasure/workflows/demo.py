@@ -94,5 +94,6 @@ def _told(rows: Sequence[tuple[str, ...]], remarks: tuple[str, ...], look: tuple
         table.append("   ".join([f"{first:{widths[0]}}", *cells, others[-1]]).rstrip())
     files = [message("workflows.all_files_look", folder=look[0].parent), *(f"  {path}" for path in look)]
     recording = next(path for path in look if path.suffix == ".rrd")
-    opened = f"Open the recording with: lmeasure view {pasted(recording)}   (or: python3 run.py view {pasted(recording)})"
+    command = f"view {pasted(recording)}"
+    opened = message("demo.open_recording", command=f"lmeasure {command}", other=f"python3 run.py {command}")
     return ("", *table, *more, "", *(message("line.note", text=remark) for remark in remarks), *files, opened)

@@ -92,7 +92,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[G
         "inputs": [{"file": str(p), "sha256": files.sha256(p)} for p in (settings.robot, settings.measured)],
     }
     files.write_json(settings.out, content)
-    lines = [f"{p['name']:12s} {p['value']:14.5f}  u {p['u']:.3g}, u95 {p['u95']:.3g} {p['unit']}" for p in parameters]
+    row = "{name:12s} {value:14.5f}  u {u:.3g}, U95 {u95:.3g} {unit}"
+    lines: list[str] = [composed(row, **p | {"unit": message(f"acquisition.unit.{p['unit']}")}) for p in parameters]
     lines += [
         message(
             "workflows.poses_residuals_mm_mean", count=found.kept.sum(), mean=np.linalg.norm(found.errors_mm()[found.kept], axis=1).mean()

@@ -131,10 +131,7 @@ def _start(settings: Settings) -> "StatedStart | None":
     if settings.start is not None and (position is not None or turn is not None):
         raise SettingsError("start", message("error.is_given_and_so"))
     if position is not None and turn is None:
-        text = (
-            "states half of the start pose; how the tool was turned is missing: give --quaternion-xyzw too, or all by --start X,Y,Z,O,A,T"
-        )
-        raise SettingsError("position_mm", message("error.in_the_rig_s", text=text))
+        raise SettingsError("position_mm", message("error.half_a_start_pose"))
     if turn is not None and position is None:
         raise SettingsError("quaternion_xyzw", message("error.states_half_of_the"))
     if settings.start is not None:

@@ -141,9 +141,9 @@ def _check(settings: Settings) -> None:
     if any(a is None for a in axes) and not all(a is None for a in axes):
         raise SettingsError("x, y, z", message("error.give_all_three_for"))
     if settings.x is None:
-        refuse(settings, "goes with --x, --y and --z", "yaw_free", "tilt_deg", "tilt_rad", "drives")
+        refuse(settings, message("refuse.coordinates"), "yaw_free", "tilt_deg", "tilt_rad", "drives")
     if settings.drives is not None:
-        refuse(settings, "goes with poses over coordinates, not with --drives", "yaw_free", "tilt_deg", "tilt_rad", "poses")
+        refuse(settings, message("refuse.not_drives"), "yaw_free", "tilt_deg", "tilt_rad", "poses")
     if settings.tilt_deg is not None and settings.tilt_rad is not None:
         raise SettingsError("tilt_rad", message("error.is_given_and_so_is"))
     if settings.drives is None and (settings.poses is None) != (settings.joints is None):
@@ -206,7 +206,13 @@ def _told(record: dict[str, Any], grid: "Grid | None") -> list[str]:
     lines.append(message("mechanism_line.pose", place=tuple(map(float, record["position_mm"]))))
     joints = tuple(message("mechanism_line.joint", name=name, value=value) for name, value in record["joints"].items())
     lines.append(message("mechanism_line.joints", values=joints))
-    lines.append(message("workflows.singular_smallest_over_largest", kind=record["singular"], near=record["nearness"]))
+    lines.append(
+        message(
+            "workflows.singular_smallest_over_largest",
+            kind=message(f"mechanism.singular_{record['singular'].replace(' ', '_')}"),
+            near=record["nearness"],
+        )
+    )
     mobility = record["mobility"]
     pairs = tuple(f"{name} = {count}" for name, count in mobility["pairs"].items() if count)
     lines.append(

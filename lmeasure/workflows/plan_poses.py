@@ -83,7 +83,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
         from lmeasure.view import write_recording
 
         write_recording(settings.rerun, rig, reference=plan.poses)
-    fill_in = "; fill in temperature_c of the new poses when they are counted" if "temperature_c" in more else ""
+    fill_in = message("workflow.fill_in_temperature") if "temperature_c" in more else ""
     figures = {"poses": len(plan.poses), "recorded": plan.recorded, "usable_part": plan.usable, "equations": plan.equations}
     figures |= {"unknowns": len(plan.parameters), "directions_determined": plan.outlook.rank}
     figures |= {"u_length_rms_mm": plan.outlook.rms_mm, "u_length_worst_mm": plan.outlook.worst_mm}

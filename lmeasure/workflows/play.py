@@ -136,7 +136,7 @@ def _cell(settings: Settings, rig: "Rig", progress: Progress) -> "PlayedCell":
             poses=None if settings.poses is None else read_poses(settings.poses, rig.angles, positions_alone=True),
             commands=settings.commands,
             seed=settings.seed,
-            progress=lambda done, of: progress(done / of, "let the robot run its test program"),
+            progress=lambda done, of: progress(done / of, message("demo.runs_program")),
         )
     except GeometryError as error:
         raise LMeasureError(message("error.the_cell_cannot_be", where=settings.rig, error=error)) from error

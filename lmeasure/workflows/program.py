@@ -97,7 +97,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Program]":
 
     if settings.ran is not None:
         return _filled_in(settings, settings.ran)
-    refuse(settings, "goes with --ran", "loaded", "columns", "align")
+    refuse(settings, message("refuse.ran"), "loaded", "columns", "align")
     if settings.correct is not None:
         return _corrected(settings, settings.correct)
     cube = _cube(settings)

@@ -88,7 +88,7 @@ def run(settings: Settings, progress: Progress = silent, show: "Show | None" = N
         passes = [recording.folder / f"pass{i}.csv" for i in range(1, settings.passage + 1)]
         write_counts_recording(settings.rerun, read_rig(settings.rig), passes)
     notes = (*noted, *((_missing(settings),) if settings.start is None and settings.passage == 1 else ()))
-    early = "" if ended == "complete" else f"{settings.out}: ended early, what came before is kept: {ended}"
+    early = "" if ended == "complete" else message("workflow.ended_early", folder=settings.out, why=ended)
     figures = {"samples": float(recording.samples), "frames": float(recording.frames), "duration_s": recording.seconds}
     figures |= {"faults": float(sum(recording.faults.values()))} | {f"closure_{c}_counts": v for c, v in recording.closure.items()}
     made = tuple(path for path, changed in _files(settings.out).items() if before.get(path) != changed)

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from lmeasure.text import message, of_terminal
+from lmeasure.text import LANGUAGES, Versions, composed, message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
 from lmeasure.workflows.settings import (
     ALIGN,
@@ -83,14 +83,14 @@ def write_report(settings: Settings, page: Path, progress: Progress) -> "Result[
     progress(0.0, "read")
     if settings.measured.is_dir():
         beside = ("columns", "u_position_mm", "u_rotation_deg", "angles", "align")
-        refuse(settings, "goes with a trajectory file, not with a run folder", *beside)
+        refuse(settings, message("refuse.trajectory_file"), *beside)
         recorded = read_run(settings.measured, settings.rig, None if settings.start is None else stated_start(settings.start))
         progress(0.2, "reconstruct")
         rig: Rig | None = recorded.rig
         trajectory = reconstruct(recorded, settings.constraint, judge=explained)
         sources = [settings.measured / "run.toml", *(Path(c.source) for c in recorded.passes)]
     else:
-        refuse(settings, "goes with a run folder", "start", "constraint")
+        refuse(settings, message("refuse.run_folder"), "start", "constraint")
         trajectory = read_trajectory(settings.measured, stated_beside(settings))
         if settings.align is not None:
             trajectory = in_program_frame(trajectory, settings.align)
@@ -102,7 +102,8 @@ def write_report(settings: Settings, page: Path, progress: Progress) -> "Result[
     name = settings.measured.resolve().name
     write_trajectory_page(page, name, found, rig, inputs=inputs, language=settings.language or of_terminal())
     progress(1.0, "report")
-    reported = [f"{label}: {value}" for label, value in trajectory_summary(found, "en")]
+    rows = zip(*([f"{label}: {value}" for label, value in trajectory_summary(found, one)] for one in LANGUAGES), strict=True)
+    reported = [composed("{row}", row=Versions(dict(zip(LANGUAGES, row, strict=True)))) for row in rows]
     figures = {"samples": float(len(trajectory.time_s)), "left_out": float(sum(s.samples for s in found.stretches if not s.ok))}
     if found.worst is not None:
         figures["worst_u95_position_mm"] = float(found.u95_mm[found.worst])

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated, ClassVar
 
 from lmeasure.core import SettingsError
-from lmeasure.text import message
+from lmeasure.text import composed, message
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import Paths, Writing, option
 
@@ -35,7 +35,8 @@ def run(settings: Settings, progress: Progress = silent) -> Result[str]:
     from lmeasure.io import FILE_KINDS, files, shipped
 
     if settings.name is None:
-        listed = tuple(f"{name:<10} {kind.file:<15} {kind.text}" for name, kind in FILE_KINDS.items())
+        row = "{name:<10} {file:<15} {text}"
+        listed = tuple(composed(row, name=name, file=kind.file, text=message(f"schema.{name}")) for name, kind in FILE_KINDS.items())
         return Result("", listed)
     if settings.name not in FILE_KINDS:
         raise SettingsError("name", message("error.is_not_one_of_2", name=settings.name, templates=", ".join(FILE_KINDS)))
@@ -43,4 +44,4 @@ def run(settings: Settings, progress: Progress = silent) -> Result[str]:
     if settings.out is None:
         return Result(text, (text.rstrip("\n"),))
     files.write_text(settings.out, text)
-    return Result(text, (f'in the first line of a {FILE_KINDS[settings.name].file} beside it: "#:schema {settings.out.name}"',))
+    return Result(text, (message("schema.first_line", file=FILE_KINDS[settings.name].file, line=f"#:schema {settings.out.name}"),))

@@ -26,7 +26,7 @@ from pydantic_core import core_schema
 
 from lmeasure.core import FileFormatError, SettingsError, pasted, rotation_from_angles, words_of
 from lmeasure.io import complaints
-from lmeasure.text import message
+from lmeasure.text import message, reason
 
 if TYPE_CHECKING:
     from lmeasure.core import FloatArray
@@ -70,9 +70,9 @@ class Asked(BaseModel):
             first = error.errors(include_url=False)[0]
             name = str(first["loc"][0]) if first["loc"] else ""
             if first["type"] == "literal_error":
-                text = f"{first['input']!r} is not one of {', '.join(_choices(cls.model_fields[name]))}"
+                text: str = message("error.is_not_one_of_2", name=first["input"], templates=", ".join(_choices(cls.model_fields[name])))
             elif first["type"] == "value_error":
-                text = str(first["ctx"]["error"])
+                text = reason(first["ctx"]["error"])
             else:
                 text = complaints(error, data, cls)[0][1]
             raise SettingsError(name, text) from None

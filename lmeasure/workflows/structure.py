@@ -217,14 +217,14 @@ def _check(settings: Settings) -> None:
     if settings.listed == (settings.file is not None):
         raise SettingsError("file", message("error.give_a_file_or"))
     if settings.position_mm is None:
-        refuse(settings, "states an orientation without --position-mm", "quaternion")
-        refuse(settings, "needs --position-mm, from where it begins", "to_mm", "boundary", "singular")
+        refuse(settings, message("refuse.orientation_alone"), "quaternion")
+        refuse(settings, message("refuse.needs_position"), "to_mm", "boundary", "singular")
     if (settings.trajectory is None) != (settings.parts is None):
         raise SettingsError("trajectory", message("error.goes_with_parts_file"))
     if settings.boundary is None:
-        refuse(settings, "goes with --boundary", "levels", "reach_mm", "limit_deg", "length_mm")
+        refuse(settings, message("refuse.boundary"), "levels", "reach_mm", "limit_deg", "length_mm")
     if settings.file is None:
-        refuse(settings, "is of a file's links, not of --list", "position_mm", "lengths_mm", "rerun", "design", "trajectory")
+        refuse(settings, message("refuse.links"), "position_mm", "lengths_mm", "rerun", "design", "trajectory")
     if settings.reach_mm is not None and not 0.0 < settings.reach_mm < math.inf:
         raise SettingsError("reach_mm", message("error.is_no_distance", reach_mm=settings.reach_mm))
     if settings.limit_deg is not None and not 0.0 < settings.limit_deg <= 90.0:

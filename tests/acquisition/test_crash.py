@@ -140,7 +140,7 @@ def test_a_full_disk_ends_the_recording_and_says_so(recorders: Recorders) -> Non
     assert recorders.wait() == 1
     said = (recorders.folder / "full.txt").read_text().splitlines()
     assert said[-1].endswith("pass1.log: cannot be written: File too large; no file may be so large there; write to another disk")
-    assert "ended early, what came before is kept" in said[-1]
+    assert "ended early, everything before is kept" in said[-1]
     assert "samples from" in said[0]
     assert_readable_prefix(recorders.folder / "full", recorders.recorded, 100)
     log = recorders.folder / "full" / "pass1.log"

@@ -69,5 +69,5 @@ def test_a_copied_row_is_used_once(tmp_path: Path) -> None:
     again = ",".join(["again", *counts[4].split(",")[1:]])
     (path / "counts.csv").write_text("\n".join([*counts, again]) + "\n", encoding="utf-8")
     got = without_slips(read_campaign(path), "poses.csv")
-    assert "pose again: the copy of pose 4, counts too, and used once" in got.notes
+    assert "pose again: a copy of pose 4 with the same counts, so it is used once" in got.notes
     assert got.used.sum() == read_campaign(CELL).used.sum()

@@ -146,7 +146,7 @@ def test_a_path_of_which_a_part_was_not_seen_is_not_certified(campaign: Path, tm
     code, text = run("certify", holed, "--program", campaign / "program.toml", "--trials", "100", "--out", tmp_path / "c")
     assert code == 1
     assert re.fullmatch(
-        r"path line, cycle 3: there are no samples from [\d.]+ to [\d.]+ s, on [\d.]+ mm of the way: "
+        r"path line, cycle 3: there are no samples from [\d.]+ to [\d.]+ s, on [\d.]+ mm of the path: "
         "what the robot did there was not measured; measure again, or state windows_s of the poses and of this path's other cycles",
         text,
     )

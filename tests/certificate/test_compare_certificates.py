@@ -150,7 +150,7 @@ def test_what_was_commanded_otherwise_is_not_compared() -> None:
     assert as_dict(found)["pairs"][0]["commanded_otherwise"] == ["pose P2 (position_mm)", "pose P3 (load_kg)"]
     for row in made[1]["program"]["pose"]:
         row["load_kg"] = 10.0
-    with pytest.raises(LMeasureError, match=r"no characteristic in common with a: pose P1 \(load_kg\) was commanded otherwise"):
+    with pytest.raises(LMeasureError, match=r"no characteristic in common with a: pose P1 \(load_kg\) was commanded differently"):
         compare_certificates([("a", made[0]), ("b", made[1])])
 
 

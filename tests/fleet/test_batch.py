@@ -81,7 +81,7 @@ def test_names_robots_and_days_of_items(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["nothing"], "nothing: is not there"),
+        (["nothing"], "nothing: does not exist"),
         (["nothing*"], "has such a name"),
         (["{runs}/*/*/run", "--folders", "{week}"], "names folders by"),
         (["{runs}/*/*/run", "--folders", "{robot}/old/{name}"], "does not end in"),

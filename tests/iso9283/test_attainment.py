@@ -136,11 +136,11 @@ def test_a_robot_is_beside_its_poses_where_a_frame_explains_two_thirds_of_how_fa
     if not reported:
         assert set(attain_at(places, commanded).poses) == set("ABCD")
         return
-    with pytest.raises(CertificationError, match=r"pose A, cycle 1: .* mm from B: it stands so far from all poses"):
+    with pytest.raises(CertificationError, match=r"pose A, cycle 1: .* mm from B: it is so far from all poses"):
         attain_at(places, commanded)
 
 
-@pytest.mark.parametrize(("miss", "said"), [(22.0, "the program runs in another order"), (22.5, "it stands so far from all poses")])
+@pytest.mark.parametrize(("miss", "said"), [(22.0, "the program runs in another order"), (22.5, "it is so far from all poses")])
 def test_a_robot_is_far_from_all_poses_where_it_misses_them_by_a_ninth_of_how_far_it_is_from_its_own(miss: float, said: str) -> None:
     """It rests just at B where the program says A, 200 mm from there."""
     commanded = {"A": (0.0, 0.0, 0.0), "B": (200.0, 0.0, 0.0), "C": (0.0, 200.0, 0.0), "D": (0.0, 0.0, 200.0), "E": (200.0, 200.0, 200.0)}

@@ -244,12 +244,12 @@ def test_windows_that_cannot_be_told() -> None:
     # the robot went to P2 first
     swapped = [dict(p) for p in program["pose"]]
     swapped[0]["windows_s"], swapped[1]["windows_s"] = swapped[1]["windows_s"], swapped[0]["windows_s"]
-    with pytest.raises(CertificationError, match=r"P1 and .* mm from P2: the program runs in another order than its windows say"):
+    with pytest.raises(CertificationError, match=r"P1 and .* mm from P2: the program runs in another order than its windows"):
         evaluate(trajectory, Program.model_validate(program | {"pose": swapped}), EXACT)
     # it went to a pose that is commanded but not rested at
     elsewhere = [dict(p) for p in swapped]
     elsewhere[1].pop("windows_s")
-    with pytest.raises(CertificationError, match=r"P1 and .* mm from P2: the program runs in another order than its windows say"):
+    with pytest.raises(CertificationError, match=r"P1 and .* mm from P2: the program runs in another order than its windows"):
         evaluate(trajectory, Program.model_validate(program | {"pose": elsewhere}), EXACT)
     late = [dict(p) for p in program["pose"]]
     late[1]["windows_s"] = [(1000.0, 1001.0)]
@@ -291,7 +291,7 @@ def test_a_robot_beside_its_poses_as_a_whole_runs_in_order(away: tuple[float, fl
     assert asked(turned)["AP_p", "P1"].value == pytest.approx(np.hypot(62.0, 18.0), abs=0.05)
     bent = at + np.array([[66.0, 19.0, 0.0], [50.0, 50.0, 25.0], [64.0, 90.0, 0.0], [60.0, 10.0, 45.0]])
     with pytest.raises(
-        CertificationError, match=r"mm from P1 and .* mm from P2: it stands so far from all poses \(.* mm from the nearest one"
+        CertificationError, match=r"mm from P1 and .* mm from P2: it is so far from all poses \(median .* mm from the nearest one"
     ):
         asked(bent)
 

@@ -49,7 +49,7 @@ def test_a_part_of_the_way_without_samples_is_told(lost_mm: float, *, reported: 
     kept = trajectory_of(trajectory.time_s[seen], trajectory.poses[seen, :3])
     path = evaluate(kept, program_of(LINE, windows), EXACT, settings=CertificationSettings(trials=10)).paths[0]
     if reported:
-        assert path.unseen == "cycle 2: there are no samples from 2.86 to 3.02 s, on 40 mm of the way"
+        assert path.unseen == "cycle 2: there are no samples from 2.86 to 3.02 s, on 40 mm of the path"
     else:
         assert path.unseen is None
 

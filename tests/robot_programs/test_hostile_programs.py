@@ -81,7 +81,7 @@ CASES = [
     ("rapid", f"PERS tooldata t:=[TRUE,[[0,0,5],[0,0,0,0]],[1,[0,0,0],[1,0,0,0],0,0,0]];\nMoveL {R},v1,fine,t;", [], ["no orientation", "the frame t is not stated"]),
     ("rapid", f"CONST robtarget p:={R};\nPROC Go(robtarget p)\nMoveL p,v1,fine,tool0;\nENDPROC", [], ["a.mod:3: MoveL p: no declaration with values here", "p: no motion uses it"]),
     ("rapid", f"CONST robtarget p:={R};\nPROC Go()\nVAR robtarget p;\np:=CRobT();\nMoveL p,v1,fine,tool0;\nENDPROC\nPROC On()\nMoveL p,v1,fine,tool0;\nENDPROC", ["p"], ["a.mod:5: MoveL p: no declaration with values here"]),
-    ("rapid", f"PROC Go(PERS wobjdata wobj0)\nMoveL {R},v1,fine,tool0\\WObj:=wobj0;\nENDPROC", [], ["the frame wobj0 of line 2, which its routine is given is not stated"]),
+    ("rapid", f"PROC Go(PERS wobjdata wobj0)\nMoveL {R},v1,fine,tool0\\WObj:=wobj0;\nENDPROC", [], ["the frame wobj0 of line 2, an argument of its routine is not stated"]),
     ("rapid", f"VAR robtarget p:={R};\nTEST n\nCASE 1: p:=Offs(p,0,0,1);\nENDTEST\nMoveL p,v1,fine,tool0;", [], ["p: the program changes it in a.mod:3"]),
     ("rapid", f"VAR robtarget p:={R};\nTEST n\nCASE 1: Sub p;\nENDTEST\nMoveL p,v1,fine,tool0;", [], ["p: is an argument of Sub in a.mod:3"]),
     ("rapid", f"VAR robtarget p:={R};\n%\"Sub\"% p;\nMoveL p,v1,fine,tool0;", [], ["p: is an argument of %"]),
@@ -117,7 +117,7 @@ CASES = [
     ("ur-script", f"set_tcp(p[0,0,0,0,0,0])\na=p[{U}]\nmovej(get_inverse_kin(a,[0,0,0,0,0,0]))\nmovej(get_inverse_kin(a,[1,1,0,0,0,0]))\n", [], ["a: several joint solutions are stated"]),
     ("ur-script", f"set_tcp(pose=p[0,0,0,0,0,0])\nservoc(p[{U}],a=1)\nmovel(pose=p[{U}],a=1)\nmovej(q=[0,1,2,3,4,5])\n", ["servoc of line 2", "movel of line 3", "movej of line 4"], []),
     ("ur-script", f"def f():\n set_tcp(p[0,0,0,0,0,0])\n if x: set_tcp(p[0,0,1,0,0,0]) end\n movel(p[{U}])\nend\n", [], ["used in several frames"]),
-    ("ur-script", f"set_tcp(p[0,0,0,0,0,0])\na=p[{U}]\ntrack_conveyor_linear(p[1,0,0,0,0,0],500)\nmovel(a)\nstop_conveyor_tracking()\nmovel(p[{U}])\n", ["movel of line 6"], ["movel a: is moved along by track_conveyor_linear of line 3"]),
+    ("ur-script", f"set_tcp(p[0,0,0,0,0,0])\na=p[{U}]\ntrack_conveyor_linear(p[1,0,0,0,0,0],500)\nmovel(a)\nstop_conveyor_tracking()\nmovel(p[{U}])\n", ["movel of line 6"], ["movel a: is moved by track_conveyor_linear of line 3"]),
     # of tables
     ("csv", "sep=;\nname;x_mm;y_mm;z_mm;qx;qy;qz;qw\na;1;2;3;0;0;0;1\nb;1;2;3;0;0;0;2\n", ["a"], ["b: a quaternion of length 2, not 1"]),
     ("csv", "name,x_mm,x_mm,y_mm,z_mm,qx,qy,qz,qw\na,1,1,2,3,0,0,0,1\n", [], ["a: two columns x_mm"]),

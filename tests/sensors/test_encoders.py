@@ -129,7 +129,7 @@ def test_what_is_refused(swivel: dict[str, Any], text: str) -> None:
 def test_several_cables_of_a_point_must_be_told() -> None:
     data = cell_rig(3).to_dict()
     data["cable"].append({"name": "c7", "channel": "ch7", "from": "B1", "to": "P2", "pass": 1})
-    with pytest.raises(RigError, match="say by cable which of the cables from B1 turns sw1"):
+    with pytest.raises(RigError, match="state in cable which of the cables from B1 turns sw1"):
         rig_from_dict(data | {"swivel": [sw(1)]})
     rig = rig_from_dict(data | {"swivel": [sw(1, cable="c7")]})
     assert rig.observed[-1].to_point == "P2"

@@ -160,7 +160,7 @@ def test_what_a_motion_cannot_tell_of_a_start_is_said() -> None:
     run = with_swivels([0, 2, 4])
     (counts,) = run.passes
     still = replace(counts, time_s=counts.time_s[:40], recorded=np.repeat(counts.recorded[:1], 40, axis=0))
-    with pytest.raises(TrajectoryError, match="with 3 of its channels absolute, does not tell it: move the tool farther"):
+    with pytest.raises(TrajectoryError, match="with 3 of its channels absolute, does not determine it: move the tool farther"):
         reconstruct(replace(run, passes=(still,)))
 
 

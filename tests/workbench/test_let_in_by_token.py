@@ -176,7 +176,7 @@ def test_the_browser_is_called_with_nothing_that_lets_anyone_in(tmp_path: Path) 
             shown.go(address)
             entered(shown)
             shown.go(address)
-            assert "has let in a browser already" in shown.evaluate("document.body.innerText")
+            assert "has already been used" in shown.evaluate("document.body.innerText")
 
 
 def test_what_a_report_reads_of_its_address_lets_nobody_in(project: Path) -> None:

@@ -62,7 +62,7 @@ def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> 
     index = {name: i for i, name in enumerate(poses.names)}
     lost = [(row + 2, name) for row, name in enumerate(names) if name not in index]
     if lost:
-        raise gathered(str(path), [f"{path}:{line}: pose: {name!r} is not in reference_poses.csv" for line, name in lost])
+        raise gathered(str(path), [message("calibration.pose_not_listed", path=path, line=line, name=repr(name)) for line, name in lost])
     passage = table.numbers("pass") if "pass" in table.columns else np.ones(len(names))
     measured = tuple(c for c in rig.observed if c.passage in set(passage.tolist()))
     if not any(c.is_cable for c in measured):

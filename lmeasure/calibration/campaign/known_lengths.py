@@ -39,7 +39,7 @@ def with_distances(model: Model, found: Fit, distances: Sequence[Distance]) -> t
     findings = []
     for asked in distances:
         found, off, u = _conditioned(model, found, asked)
-        text = f"the distance of {asked.a} and {asked.b} was {off:+.4g} mm off what is known of it (u {u:.3g} of both)"
+        text = message("calibration.distance_off", a=asked.a, b=asked.b, off=float(off), u=float(u))
         findings.append(Finding(code="misfit" if abs(off) > CONTRADICTED * u else "note", text=text, value=off))
     return found, findings
 

@@ -28,6 +28,7 @@ from lmeasure.kernels import (
 )
 from lmeasure.rig import FACTORS, SCALE, UNSIGNED, ZEROS, Observed, Rig, Slots, further_names, solved_parameters, tilt_names, value_of
 from lmeasure.sensors import PART_ECCENTRICITY, PLAY, Parts, Unsolved, Zero, effects_of, every_part, stated
+from lmeasure.text import message
 
 Frame = Literal["rig", "poses"]
 
@@ -137,7 +138,7 @@ class Residuals(Problem):
     def untold(self, block: int) -> str:
         """Of a pose that its cables do not tell."""
         name = self.campaign.poses.names[self.at[block]]
-        return f"counts.csv: pose {name}: its counted cables do not tell all its unknowns; leave it out"
+        return message("calibration.pose_undetermined", name=name)
 
     @property
     def _untold(self) -> list[int]:

@@ -36,10 +36,10 @@ def free_components(campaign: Campaign, trusted: bool) -> tuple[int, ...]:
         free = () if campaign.poses.oriented else ROTATIONS
     else:
         free = (0, 1, 2, 3, 4, 5)
-    what = "--self" if not trusted else "reference_poses.csv: has no orientations"
+    what = message("calibration.without_orientations") if trusted else "--self"
     if not trusted and len(campaign.cables) <= len(free):
-        body, least = ("one point", 4) if len(free) == 3 else ("a body", 7)
-        kind = "cables" if len(campaign.drums) == len(campaign.cables) else "channels"
+        body, least = (message("calibration.one_point"), 4) if len(free) == 3 else (message("calibration.a_body"), 7)
+        kind = message("calibration.of_cables" if len(campaign.drums) == len(campaign.cables) else "calibration.of_channels")
         raise CalibrationError(
             message("error.self_bring_equations_at", n_cables=len(campaign.cables), kind=kind, n=len(free), body=body, least=least)
         )
@@ -90,16 +90,13 @@ def check_equations(campaign: Campaign, rig: Parameters, free: tuple[int, ...]) 
     channels = np.isfinite(campaign.counts).sum(axis=1)
     n, m, d = int((channels > 0).sum()), len(campaign.cables), len(free)
     trusted, equations = free == ROTATIONS, int(campaign.used.sum())
-    what = "has no orientations, and" if trusted else "is not trusted, and"
     # a frame of six motions need not be determined where the poses do not hold it
     needed = d * n + (len(rig.names) if trusted else 0)
     if equations < needed:
-        raise CalibrationError(
-            f"reference_poses.csv: {what} {equations} equations cannot tell {d} unknowns of each of {n} poses and "
-            f"{len(rig.names)} values of the rig; with {m} cables at least {math.ceil((m + len(rig.names)) / (m - d))} poses are needed"
-            if m > d
-            else f"reference_poses.csv: {what} {m} cables cannot tell {d} unknowns of each pose"
-        )
+        of = {"equations": equations, "unknowns": d, "poses": n, "values": len(rig.names), "cables": m}
+        least = math.ceil((m + len(rig.names)) / (m - d)) if m > d else None
+        code = "calibration.no_orientations" if trusted else "calibration.poses_not_trusted"
+        raise CalibrationError(message(code if m > d else f"{code}_few", **of, least=least))
     few = (channels > 0) & (channels < d)
     if few.any():
         pose = int(np.argmax(few))

@@ -109,7 +109,7 @@ def read_earlier(path: Path) -> Earlier:
 
 def compare(old: Earlier, new: Calibration, seed: int = 0) -> Comparison:
     """Judge the new calibration against the old one over the new campaign's workspace; CalibrationError as `compare_records`."""
-    found = compare_records(old, Earlier(new.rig, new.record, "the new calibration"))
+    found = compare_records(old, Earlier(new.rig, new.record, message("calibration.the_new_one")))
     lengths, dropped = _lengths(old, new, seed)
     notes = [message("calibration.cable_not_runs_between", name=name, source=old.source) for name in dropped]
     return replace(found, lengths=lengths, notes=(*found.notes, *notes))

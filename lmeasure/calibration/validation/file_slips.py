@@ -69,18 +69,22 @@ def _readings(campaign: Campaign) -> Iterator[tuple[str, Rotation]]:
                 if other.axes == "rotvec" and not straight:
                     continue
                 to_other = np.radians(1.0) if other.axes == "rotvec" else 1.0
-                for unit, factor in (("", 1.0), (" with numbers in the other unit of angles", np.degrees(1.0))):
+                for factor in (1.0, np.degrees(1.0)):
                     if (other is own and straight and factor == 1.0) or (other.axes == "rotvec" and factor != 1.0 and own.axes == "rotvec"):
                         continue
                     given = values[:, order] * to_degrees * to_other * factor
-                    columns = "" if straight else f" with the columns in the order {', '.join(own.columns[i] for i in order)}"
+                    reading = message("slips.convention" if factor == 1.0 else "slips.other_unit", name=other.name)
+                    if not straight:
+                        order_shown = ", ".join(own.columns[i] for i in order)
+                        code = "slips.order" if factor == 1.0 else "slips.order_other_unit"
+                        reading = message(code, name=other.name, order=order_shown)
                     try:
-                        yield f"{other.name}{columns}{unit}", conventions.rotation_from_angles(other.name, given)
+                        yield reading, conventions.rotation_from_angles(other.name, given)
                     except FileFormatError:
                         continue
-    yield f"{own.name} of the inverse rotation (tool to base)", poses.rotation.inv()
+    yield message("slips.inverse", name=own.name), poses.rotation.inv()
     for name, shift in (("qw, qx, qy, qz", -1), ("qy, qz, qw, qx", 1)):
-        yield f"quaternions in the order {name}", Rotation.from_quat(np.roll(poses.rows[:, 3:], shift, axis=1))
+        yield message("slips.quaternion_order", order=name), Rotation.from_quat(np.roll(poses.rows[:, 3:], shift, axis=1))
 
 
 def _write(own: conventions.AngleConvention, angles: FloatArray, rotation: Rotation) -> bool:

@@ -65,5 +65,5 @@ def _counted_once(campaign: Campaign) -> Campaign:
         earlier = first.setdefault(row.tobytes(), i)
         if earlier != i and campaign.reference_of[i] == i and np.isfinite(counts[i]).any() and not (campaign.zero == i).any():
             counts[i] = np.nan
-            notes.append(f"pose {campaign.poses.names[i]}: the copy of pose {campaign.poses.names[earlier]}, counts too, and used once")
+            notes.append(message("calibration.copied_pose", pose=campaign.poses.names[i], earlier=campaign.poses.names[earlier]))
     return replace(campaign, counts=counts, notes=(*campaign.notes, *notes)) if notes else campaign

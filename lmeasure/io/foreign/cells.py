@@ -129,7 +129,7 @@ def clock_times(cells: Sequence[str], row: Callable[[int], str]) -> Times:
     first_zone = 0.0
     for i, match in enumerate(found):
         if match is None:
-            raise FileFormatError(f"{row(i)}: {cells[i]!r} is no clock time as those before it" if cells[i] else f"{row(i)}: has no time")
+            raise FileFormatError(message("file.other_clock_time" if cells[i] else "file.no_time", where=row(i), cell=repr(cells[i])))
         part = {key: value for key, value in match.groupdict().items() if value is not None}
         hour, minute, second = int(part["h"]), int(part["min"]), int(part["s"])
         if "half" in part:

@@ -172,7 +172,7 @@ class ForeignTable:
         for name, column in self._columns.items():
             if name not in self._asked | ANGLES:
                 known = ", ".join(sorted(n for n in self._asked - ANGLES if not n.endswith(("_mm", "_rad"))))
-                reported = f"{name}={column.name}: {self.path} is asked for {known}, and controllers' angles, not for {name}"
+                reported = message("file.column_unused", name=name, column=column.name, path=self.path, known=known)
                 raise SettingsError("columns", reported)
 
     def orientation(self, preferred: AngleConvention | None = None, *, likely: str | None = None, gaps: bool = False) -> FloatArray | None:

@@ -19,19 +19,19 @@ from typing import Any, Union
 from pydantic import BaseModel, TypeAdapter
 
 from lmeasure.io.models import models_in
+from lmeasure.text import message
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 @dataclass(frozen=True)
 class Kind:
-    """Kind of file: usual name, module and model of its content, description; others: modules and models for other values of its key
+    """Kind of file: usual name, module and model of its content; others: modules and models for other values of its key
     `kind`."""
 
     file: str
     module: str
     model: str
-    text: str
     others: tuple[tuple[str, str], ...] = ()
 
     def load(self) -> tuple[type[BaseModel], ...]:
@@ -40,22 +40,21 @@ class Kind:
 
 
 FILE_KINDS = {
-    "rig": Kind("rig.toml", "lmeasure.rig.rig", "Rig", "the instrument: points, drums, cables"),
-    "drums": Kind("drums.toml", "lmeasure.rig.drum_measurement", "DrumsFile", "measured dimensions of drums"),
-    "placement": Kind("placement.toml", "lmeasure.accuracy.placement", "Placement", "a task, and boxes for points"),
-    "bodies": Kind("bodies.toml", "lmeasure.accuracy.limits", "BodiesFile", "bodies that cables must not touch"),
-    "run": Kind("run.toml", "lmeasure.recording.run", "RunFile", "a recorded run"),
-    "scenario": Kind("scenario.toml", "lmeasure.simulation.scenario", "Scenario", "a motion to simulate"),
-    "program": Kind("program.toml", "lmeasure.recording.program", "Program", "commanded poses and paths of a robot"),
-    "details": Kind("details.toml", "lmeasure.certificate.details", "Details", "administrative details of a test report"),
+    "rig": Kind("rig.toml", "lmeasure.rig.rig", "Rig"),
+    "drums": Kind("drums.toml", "lmeasure.rig.drum_measurement", "DrumsFile"),
+    "placement": Kind("placement.toml", "lmeasure.accuracy.placement", "Placement"),
+    "bodies": Kind("bodies.toml", "lmeasure.accuracy.limits", "BodiesFile"),
+    "run": Kind("run.toml", "lmeasure.recording.run", "RunFile"),
+    "scenario": Kind("scenario.toml", "lmeasure.simulation.scenario", "Scenario"),
+    "program": Kind("program.toml", "lmeasure.recording.program", "Program"),
+    "details": Kind("details.toml", "lmeasure.certificate.details", "Details"),
     "robot": Kind(
         "robot.toml",
         "lmeasure.robots.robot",
         "Robot",
-        "joints or legs of a robot",
         (("lmeasure.robots.platform", "PlatformFile"), ("lmeasure.robots.parallel.file", "ParallelFile")),
     ),
-    "structure": Kind("structure.toml", "lmeasure.structure.links", "StructureFile", "points and links of a mechanism"),
+    "structure": Kind("structure.toml", "lmeasure.structure.links", "StructureFile"),
 }
 """By the names that `lmeasure schema` takes."""
 
@@ -75,7 +74,7 @@ def schema_of(name: str) -> dict[str, Any]:
         _describe(model)
     whole: Any = Union[models]  # noqa: UP007
     made = _plain(TypeAdapter(whole).json_schema(by_alias=True) if kind.others else models[0].model_json_schema(by_alias=True))
-    return {"$schema": DIALECT, "$id": f"lmeasure/{name}", "title": f"{kind.file}: {kind.text}"} | made
+    return {"$schema": DIALECT, "$id": f"lmeasure/{name}", "title": f"{kind.file}: {message('schema.' + name)}"} | made
 
 
 def _describe(model: type[BaseModel]) -> None:

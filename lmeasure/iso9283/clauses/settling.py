@@ -54,7 +54,7 @@ class SettlingTest(RestTest):
 
     def read(self, motion: Motion, known: Known) -> Read:
         name = self.subject.name
-        band = self.band(known, f"pose {name}: settling_s needs limit_band_mm, or two cycles for the pose's repeatability")
+        band = self.band(known, message("iso.settling_needs_band", name=name))
 
         def both(time_s: FloatArray, from_rest: FloatArray) -> FloatArray:
             times = iso.stabilisation_time(time_s, distance(from_rest), band)
@@ -82,7 +82,7 @@ class PosingTest(RestTest):
 
     def read(self, motion: Motion, known: Known) -> Read:
         name = self.subject.name
-        band = self.band(known, f"posing {name}: needs limit_band_mm, or two cycles of {self.pose} for its repeatability")
+        band = self.band(known, message("iso.posing_needs_band", name=name, pose=self.pose))
 
         def time(time_s: FloatArray, from_start: FloatArray, from_rest: FloatArray) -> FloatArray:
             return iso.posing_time(time_s, distance(from_start), distance(from_rest), band)[..., None]

@@ -136,7 +136,7 @@ class Tests:
         if not all(0.0 < v < math.inf for v in positive) or not all(0.0 <= v < math.inf for v in self.loads_kg):
             raise CertificationError(message("error.speeds_times_and_lengths"))
         if not 0.0 <= self.settle_s < self.dwell_s < math.inf:
-            rest = f"a rest of {self.dwell_s:g} s at each pose (--dwell)"
+            rest = message("iso.rest_of", dwell_s=self.dwell_s)
             raise CertificationError(message("error.leaves_nothing_to_measure", rest=rest, settle_s=self.settle_s))
         if any(not 2 <= n <= MOST_CYCLES for n in self.cycles.values()):
             raise CertificationError(message("error.each_test_needs_two", most_cycles=MOST_CYCLES))

@@ -289,7 +289,7 @@ def _not_found(
     head = f"{commands}: command {int(expected.command[i]) + 1} ({command.target or 'on the way'}, cycle {command.cycle})"
     later = np.flatnonzero(near[i] & (found.begin_s >= since))
     if not len(later):
-        hint = "" if i else "; is the trajectory in another frame (--align), or in other units?"
+        hint = "" if i else message("iso.other_frame")
         raise CertificationError(message("error.no_rest_near_mm", where=head, where2=where, since=since, hint=hint))
     before = candidates[-1] if i else later[:1]
     off = np.where(later[:, None] > before, np.abs(found.way_mm[later][:, None] - found.way_mm[before] - expected.way_mm[i]), np.inf)

@@ -43,7 +43,7 @@ def read_measurements(
     _in_range(path, position, names)
     neither = np.isnan(position[:, 0]) == np.isnan(length)
     if neither.any():
-        what = "has neither x, y, z nor length" if np.isnan(length[np.argmax(neither)]) else "has both x, y, z and length"
+        what = message("robots.row_has_neither" if np.isnan(length[np.argmax(neither)]) else "robots.row_has_both")
         raise FileFormatError(message("error.row", where=path, names=names[int(np.argmax(neither))], what=what))
     quaternion = table.orientation(gaps=True)
     if quaternion is not None:

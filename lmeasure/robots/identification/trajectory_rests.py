@@ -87,7 +87,7 @@ def matched(found: Rests, commanded: Commanded, robot: RobotModel) -> tuple[Meas
         pairs = _in_order(found, commanded, robot)
         joints = commanded.joints[pairs[:, 1]]
     if len(pairs) < max(LEAST_RESTS, LIKELY * min(len(found), len(commanded))) and len(pairs) < len(found):
-        hint = "its times are not of the instrument's clock" if commanded.time_s is not None else "a column time_s says which is which"
+        hint = message("robots.add_time" if commanded.time_s is None else "robots.other_clock")
         raise RobotError(
             message(
                 "error.only_of_rests_of",

@@ -322,7 +322,7 @@ class Parallel:
             own[:, turning] = near[turning] + np.cumsum(steps - 2.0 * np.pi * np.round(np.nan_to_num(steps) / (2.0 * np.pi)), axis=0)
             columns.append(own)
         joints = np.concatenate(columns, axis=1)
-        self._say(lost | np.isnan(joints).any(axis=1), "the platform cannot be at", poses)
+        self._say(lost | np.isnan(joints).any(axis=1), "robots.platform_cannot_be", poses)
         low, high = self.limits
         beyond = (joints < low - 1e-9) | (joints > high + 1e-9)
         if beyond.any():
@@ -333,14 +333,14 @@ class Parallel:
                 message("error.sample_would_be_at_beyond", sample=sample, joint_names=self.joint_names[j], value=value, unit=unit), sample
             )
         jumps = np.abs(np.diff(joints, axis=0)) > np.where(self.sliding, self.size_mm, MOST_RAD)
-        self._say(np.concatenate([[False], jumps.any(axis=1)]), "a joint jumps at", poses)
+        self._say(np.concatenate([[False], jumps.any(axis=1)]), "robots.joint_jumps", poses)
         return joints
 
-    def _say(self, bad: BoolArray, what: str, poses: FloatArray) -> None:
+    def _say(self, bad: BoolArray, code: str, poses: FloatArray) -> None:
         if bad.any():
             sample = int(np.argmax(bad))
             where = numbers("en", poses[sample], ".6g")
-            raise RobotError(message("error.sample", sample=sample, what=what, where=where), sample)
+            raise RobotError(message(code, sample=sample, where=where), sample)
 
     @cached_property
     def _cuts(self) -> IntArray:

@@ -374,7 +374,7 @@ def _checked(path: Path, found: Trajectory, lines: list[int], notes: list[Messag
     """
 
     def at(row: int) -> str:
-        return f"line {lines[row]}" if lines else f"row {row + 1}"
+        return message("log.line", number=lines[row]) if lines else message("file.row", number=row + 1)
 
     def refuse(bad: BoolArray, why: str) -> None:
         if bad.any():
@@ -382,12 +382,12 @@ def _checked(path: Path, found: Trajectory, lines: list[int], notes: list[Messag
 
     notes = list(notes or [])
     steps = np.diff(found.time_s, prepend=-np.inf)
-    refuse(np.asarray(steps < 0.0), "its time is not after that of the row before")
+    refuse(np.asarray(steps < 0.0), message("trajectory_file.time_back"))
     again = np.flatnonzero(steps == 0.0)
     if len(again):
         apart = ~(np.isclose(found.poses[again], found.poses[again - 1], rtol=0.0, atol=1e-12, equal_nan=True)).all(axis=1)
         if apart.sum() > max(2, REPEATED * len(steps)):
-            why = f"its time is not after that of the row before, as of {len(again)} rows: the stamps are too coarse"
+            why = message("trajectory_file.coarse_stamps", rows=len(again))
             refuse(np.isin(np.arange(len(steps)), again[apart]), why)
         first = int(again[0])
         number = lines[first] if lines else first + 1
@@ -396,11 +396,9 @@ def _checked(path: Path, found: Trajectory, lines: list[int], notes: list[Messag
         kept[again] = False
         found, lines = _rows_of(found, kept), [line for line, keep in zip(lines, kept, strict=True) if keep] if lines else []
     with np.errstate(invalid="ignore"):
-        refuse(
-            np.asarray((np.abs(found.poses[:, :3]) > MAX_LENGTH_MM).any(axis=1)), f"lies more than {MAX_LENGTH_MM:.0f} mm from the origin"
-        )
+        refuse(np.asarray((np.abs(found.poses[:, :3]) > MAX_LENGTH_MM).any(axis=1)), message("trajectory_file.too_far", mm=MAX_LENGTH_MM))
         length = np.linalg.norm(found.poses[:, 3:], axis=1)
-        refuse(np.asarray(np.abs(length - 1.0) > UNIT_TOLERANCE), "its quaternion is not of length 1")
+        refuse(np.asarray(np.abs(length - 1.0) > UNIT_TOLERANCE), message("trajectory_file.quaternion"))
     if (found.status != Status.OK).all():
         raise TrajectoryError(message("error.no_row_has_a", where=path))
     poses = found.poses.copy()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lmeasure.core import FileFormatError, FloatArray, IntArray, TrajectoryError, how_to_install
 from lmeasure.io import files, open_regular
-from lmeasure.text import message
+from lmeasure.text import Message, message, reason
 from lmeasure.trajectory.files.trajectory import Trajectory
 
 TOPIC = "/lmeasure/pose"
@@ -119,12 +119,12 @@ def read_messages(path: Path, topic: str | None = None) -> Messages:
                 if kind in POSES and channel.message_encoding in ("cdr", "ros1"):
                     found.setdefault(channel.topic, []).append(_pose_in(one.data, channel.message_encoding == "cdr", POSES[kind]))
     except (McapError, struct.error, ValueError, EOFError) as error:
-        raise FileFormatError(message("error.cannot_be_read_as_mcap", where=path, error=" ".join(str(error).split())[:200])) from None
+        raise FileFormatError(message("error.cannot_be_read_as_mcap", where=path, error=_why(error))) from None
     if topic is None and len(found) == 1:
         topic = next(iter(found))
     if topic not in found:
-        have = ", ".join(sorted(found)) or "none"
-        asked = "--columns topic=/NAME says which" if topic is None else f"{topic} is none of them"
+        have = ", ".join(sorted(found)) or "–"
+        asked = message("trajectory_file.state_topic") if topic is None else message("trajectory_file.no_topic", topic=topic)
         raise FileFormatError(message("error.topics_with_posestamped_or", where=path, have=have, asked=asked))
     rows = sorted(found[topic], key=lambda each: each[0])
     values = np.array([row for _, row in rows])
@@ -134,6 +134,11 @@ def read_messages(path: Path, topic: str | None = None) -> Messages:
     unit = np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0])
     covariance = (values[:, 7:].reshape(-1, 6, 6) * unit[:, None] * unit)[:, _ORDER][:, :, _ORDER]
     return Messages(time_s, poses, covariance)
+
+
+def _why(error: Exception) -> str:
+    found = reason(error)
+    return found if isinstance(found, Message) else " ".join(found.split())[:200]
 
 
 def _pose_in(data: bytes, cdr: bool, numbers: int) -> tuple[float, FloatArray]:
@@ -147,5 +152,5 @@ def _pose_in(data: bytes, cdr: bool, numbers: int) -> tuple[float, FloatArray]:
         at += -(at - begin) % 8
     values = np.frombuffer(data, f"{order}f8", numbers, at).astype(np.float64)
     if not np.isfinite(values[:7]).all():
-        raise ValueError("a pose holds a number that is not finite")
+        raise ValueError(message("trajectory_file.not_finite"))
     return seconds + 1e-9 * part, values

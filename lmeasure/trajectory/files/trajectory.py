@@ -242,9 +242,9 @@ def read_own(path: Path) -> Trajectory:
     # a trajectory of another program may not tell the parts apart
     common = table.matrix(SYSTEMATIC_COLUMNS, gaps=True) if SYSTEMATIC_COLUMNS[0] in table.columns else np.zeros_like(u)
     poses = table.matrix((*POSITION_COLUMNS, *QUATERNION_COLUMNS), gaps=True)
-    _refuse(path, POSITION_COLUMNS, poses[:, :3], np.abs(poses[:, :3]) > MAX_LENGTH_MM, f"is beyond {MAX_LENGTH_MM:g} mm")
+    _refuse(path, POSITION_COLUMNS, poses[:, :3], np.abs(poses[:, :3]) > MAX_LENGTH_MM, message("trajectory_file.beyond", mm=MAX_LENGTH_MM))
     for columns, values in ((UNCERTAINTY_COLUMNS, u), (SYSTEMATIC_COLUMNS, common)):
-        _refuse(path, columns, values, values < 0.0, "is no standard uncertainty")
+        _refuse(path, columns, values, values < 0.0, message("trajectory_file.no_u"))
     known = json.loads(table.kept("messages") or "[]")
     if "cause_message" in table.columns:
         known += map(_loaded, set(table.labels("cause_message").tolist()) - {""})

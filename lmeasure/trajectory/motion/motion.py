@@ -132,7 +132,7 @@ def motion_of(trajectory: Trajectory, half_width_s: float | None = None, stamps:
     poses, derivatives, factors = _local_cubics(time_s, given, half_width_s, stamps.stretch)
     if np.isnan(poses[:, 0]).all():
         apart = float(np.median(np.diff(time_s[placed]))) if placed.sum() > 1 else np.nan
-        determined = "" if np.isnan(apart) else f", which are {apart:.3g} s apart: a wider window, or times in another unit"
+        determined = "" if np.isnan(apart) else message("motion.too_far_apart", seconds=apart)
         raise TrajectoryError(message("error.motion_no_window_of", half_width_s=half_width_s, least=LEAST, determined=determined))
     if not turned:
         poses[:, 3:] = derivatives[:, :, :3] = np.nan

@@ -250,7 +250,6 @@ LISTED = 8
 TOLD_MM = 10.0
 """Standard uncertainty, in its worst direction, of a start that `over_motion.SAMPLES` samples tell; all of a run tell it better."""
 NOTHING_MM = 1000.0
-STATE = "state [start] in run.toml, or give it to `reconstruct` by --start"
 BEGINNINGS = (1.0, 0.5, 0.25, 0.12)
 """Shares of a run by which its start is judged, the first in which it does not contradict itself."""
 LEAST = 0.5
@@ -291,7 +290,7 @@ def first_sample(rig: Rig, lengths: Lengths, source: str) -> int:
                 of_all=of_all,
                 n_freedoms=len(FREEDOMS),
                 n_freedoms2=len(FREEDOMS) + 1,
-                state=STATE,
+                state=message("start.state"),
             )
         )
     return int(np.flatnonzero((seen > 0) & (every == of_all))[0])
@@ -453,11 +452,9 @@ def _over_motion(motion: Motion, time_s: float, source: str) -> list[Begun]:
     best = every[0]
     least, determined = best.u_mm * max(np.sqrt(best.chi_squared / best.freedom), 1.0), ""
     if longest < LEAST:
-        determined = "fits no start that was found" + (f" beyond its first {100 * longest:.0f} %" if longest else "")
-        determined += ": a pose of it is nearly singular, or a channel is wrong"
+        determined = message("start.fits_none_beyond", percent=100.0 * longest) if longest else message("start.fits_none")
     elif least > TOLD_MM:
-        determined = f"tells it to {least:.3g} mm only" if least < NOTHING_MM else "does not tell it"
-        determined += ": move the tool farther, or turn it"
+        determined = message("start.weak", mm=least) if least < NOTHING_MM else message("start.undetermined")
     if determined:
         raise TrajectoryError(
             message(
@@ -466,7 +463,7 @@ def _over_motion(motion: Motion, time_s: float, source: str) -> list[Begun]:
                 time_s=time_s,
                 usable=int(usable.sum()),
                 determined=determined,
-                state=STATE,
+                state=message("start.state"),
             )
         )
     limit = best.chi_squared + WORSE * max(best.chi_squared / best.freedom, 1.0)
@@ -506,4 +503,4 @@ def _same(a: OriginEstimate | None, b: OriginEstimate | None) -> bool:
 
 def _text(pose: FloatArray) -> str:
     place, turn = ", ".join(f"{x:.1f}" for x in pose[:3]), ", ".join(f"{x:.3f}" for x in pose[3:])
-    return f"({place}) mm with quaternion ({turn})"
+    return message("start.pose", place=place, turn=turn)
