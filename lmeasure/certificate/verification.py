@@ -15,7 +15,7 @@ from lmeasure.certificate.recompute import RELATIVE, SOURCES, Compared, beside, 
 from lmeasure.certificate.signature import canonical
 from lmeasure.core import CertificationError, DataFrame, LMeasureError, Shown, framed
 from lmeasure.iso9283 import SCHEMA
-from lmeasure.text import LANGUAGES, message
+from lmeasure.text import LANGUAGES, joined, message
 
 PROGRAM = ("lmeasure", "lmeasure sources")
 """What of an environment is this program itself: another one prints other texts."""
@@ -88,10 +88,13 @@ def verify(
         return _not_computed(folder, seal, error)
     here = environment(added_in(stated["environment"]))
     own = {key: value for key, value in here.items() if stated["environment"].get(key) != value}
-    own |= {key: "none" for key in stated["environment"] if key not in here}
+    own |= {key: message("verification.not_here") for key in stated["environment"] if key not in here}
     method = stated["method"]
     other = method != METHOD
-    reported = tuple(f"{key} {stated['environment'].get(key, 'unknown')}, here {value}" for key, value in own.items())
+    unknown = message("verification.not_stated")
+    reported = tuple(
+        message("verification.differs", key=key, stated=stated["environment"].get(key, unknown), here=value) for key, value in own.items()
+    )
     out = [*seal.differences, *of_environment(stated["environment"], here)]
     if seal.certificate and stated["id"] != seal.certificate:
         out.append(Difference(CERTIFICATE, message("verification.other_id", id=stated["id"], manifest=seal.certificate)))
@@ -110,7 +113,7 @@ def verify(
     skipped: list[str] = []
     figures, compared = 0, Compared(())
     if own:
-        skipped.append(message("verification.environment", what="; ".join(reported)))
+        skipped.append(message("verification.environment", what=joined(reported)))
     if other:
         found, lines = beside(stated, again)
         out += found

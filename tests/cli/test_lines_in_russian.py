@@ -1,10 +1,17 @@
-"""What was typed wrongly is refused in plain words, in the language of the terminal as far as the parser says it."""
+"""Everything that a person reads on a Russian terminal is Russian: results, refusals, and wrong words of a command line."""
 
+import ast
 import json
+import re
+import shutil
+from pathlib import Path
 
 import pytest
+from desk import SHORT, set_up
+from typer.testing import CliRunner
 
-from lmeasure.cli.app import main
+from lmeasure import core
+from lmeasure.cli.app import app, main
 from lmeasure.cli.terminal import state_line
 from lmeasure.text import Lines, message
 
@@ -41,3 +48,41 @@ def test_lines_between_keys_are_in_the_readers_language(monkeypatch: pytest.Monk
         say(message("capture.nothing_take_back"))
         say(Lines([message("capture.nothing_take_back"), "one of no catalogue"]))
     assert capsys.readouterr().out == "отменять нечего\nотменять нечего\none of no catalogue\n"
+
+
+QUICK = ("schema", "key", "import", "reconstruct", "program", "frames", "simulate", "drum", "register")
+MORE = ("init . --template six-cables", "schema", "import drive.log --scan", "report OUT/t.parquet --out OUT/page", "verify sealed")
+NAMES = re.compile(r"`[^`]*`|\S*[-_/=.:\d]\S*|[«\"][^»\"]*[»\"]")
+SENTENCE = re.compile(r"\b[A-Za-z]{2,}(?:[ ,]+[A-Za-z]{2,}){2,}")
+"""Three words of Latin letters in a row, where no names are left."""
+
+
+def test_no_line_of_a_command_has_an_english_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    set_up(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("LANGUAGE", "ru")
+    (tmp_path / "out").mkdir()
+    found = []
+    for line in (MORE[0], *(SHORT[name] for name in QUICK), *MORE[1:]):
+        done = CliRunner().invoke(app, line.replace("OUT", "out").split())
+        assert done.exit_code in (0, 3), (line, done.output, done.exception)
+        found += [
+            (line, text) for text in done.output.splitlines() if not text.startswith("дальше: ") and SENTENCE.search(NAMES.sub("", text))
+        ]
+    assert found == []
+    shutil.rmtree(tmp_path / "out")
+
+
+def test_every_refusal_is_a_message() -> None:
+    """A text that a person reads is in the catalogues, except below them (core) and in errors of those who program."""
+    errors = {name for name in dir(core) if isinstance(getattr(core, name), type) and issubclass(getattr(core, name), core.LMeasureError)}
+    raised = re.compile(rf"\b(?:{'|'.join(errors)})\([\s\w,]*[\"']")
+    found = []
+    for path in Path(core.__file__).parents[1].rglob("*.py"):
+        source = path.read_text(encoding="utf-8")
+        for node in ast.walk(ast.parse(source)) if path.parent.name != "core" and raised.search(source) else ():
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") in errors:
+                literal = " ".join(ast.unparse(one) for one in node.args if isinstance(one, ast.JoinedStr | ast.Constant))
+                if len(re.findall(r"[a-z]{2,}", re.sub(r"\{[^}]*\}", "", literal))) > 2:
+                    found.append(f"{path.name}:{node.lineno}: {literal}")
+    assert found == []
