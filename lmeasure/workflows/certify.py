@@ -83,7 +83,12 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
         refuse(settings, message("refuse.dcc"), "xsd")
     if settings.run is None:
         refuse(
-            settings, message("refuse.run"), "rig", "constraint", "continuous", *(("repeatability_mm",) if settings.repeatability_mm else ())
+            settings,
+            message("refuse.run"),
+            "rig",
+            "constraint",
+            "continuous",
+            *(("repeatability_mm",) if settings.repeatability_mm else ()),
         )
     if settings.continuous and settings.repeatability_mm:
         raise SettingsError("continuous", message("curve.linear"))
