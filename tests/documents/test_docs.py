@@ -75,7 +75,23 @@ def run_commands(block: Block, where: str) -> None:
         assert_prints(f"{where}: $ {command}", expected, printed)
 
 
-PAGES_WITH_CODE = [p for p in PAGES if any(b.kind in {"python", "console"} for b in blocks_of(p))]
+START = ROOT / "docs" / "start.md"
+ROLES = re.findall(r"^## (.+)$", START.read_text(encoding="utf-8"), re.MULTILINE)
+PAGES_WITH_CODE = [p for p in PAGES if p != START and any(b.kind in {"python", "console"} for b in blocks_of(p))]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("role", ROLES)
+def test_the_commands_of_a_role_run_in_an_empty_folder(role: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    section = re.split(r"^## ", START.read_text(encoding="utf-8"), flags=re.MULTILINE)[1 + ROLES.index(role)]
+    monkeypatch.chdir(tmp_path)
+    commands = re.findall(r"^\$ (.*)$", section, re.MULTILINE)
+    assert commands
+    for command in commands:
+        monkeypatch.setattr("sys.argv", shlex.split(command))
+        with pytest.raises(SystemExit) as end:
+            main()
+        assert end.value.code == 0, command
 
 
 @pytest.mark.parametrize("page", PAGES_WITH_CODE, ids=lambda p: p.name)
