@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from lmeasure.calibration import calibrate, read_campaign
+from lmeasure.calibration import CalibrationSettings, calibrate, read_campaign
 from lmeasure.core import FileFormatError
 from lmeasure.estimation import sizes
 from lmeasure.rig import rig_from_dict
@@ -71,6 +71,16 @@ def test_faults_beyond_typical_sizes_are_named(study: ModuleType, tmp_path: Path
     found = [w for w in calibrate(read_campaign(tmp_path)).record.warnings if w.code in ("moved", "larger", "slip", "outlier", "misfit")]
     assert len(found) == bool(said)
     assert all(said in str(one.text) for one in found)
+
+
+def test_chosen_unknowns_have_the_mean_over_sizes_too(study: ModuleType, tmp_path: Path) -> None:
+    """The default unknowns by name have the values that they have by default; what is not to move keeps its nominal value."""
+    world = study.WORLDS["typical, 12 poses"]
+    study.folder(tmp_path, study.bench(2, world), world, 2, "unstated")
+    campaign = read_campaign(tmp_path)
+    every, some = calibrate(campaign), calibrate(campaign, CalibrationSettings(solve=("position", "guide")))
+    assert [p.value for p in some.record.parameters] == pytest.approx([p.value for p in every.record.parameters], rel=1e-9)
+    assert some.rig.tool == campaign.rig.tool != every.rig.tool
 
 
 def test_sizes_are_those_of_a_brute_force_posterior() -> None:

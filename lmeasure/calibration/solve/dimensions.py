@@ -49,7 +49,7 @@ class Dimensions:
         )
 
 
-def dimensions_of(model: Model, found: Fit, sized: Sized | None, *, corrected: bool) -> Dimensions:
+def dimensions_of(model: Model, found: Fit, sized: Sized | None, *, corrected: bool = True) -> Dimensions:
     """What a fit tells of the dimensions and parts that its rig states to be uncertain, or that are assumed to be; none where it has none.
 
     Where the residuals are larger than anything explains they are not believed to tell it: nothing is corrected. Nor is it where only

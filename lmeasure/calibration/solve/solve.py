@@ -268,13 +268,16 @@ def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Pro
         misfits = [w for w in misfits if w.code in _WHO] + [w for w in explained.findings if w.code not in _WHO]
         misfits += down_weighted(campaign, weights)
     model, found = explained.model, explained.fit
-    sized = None if settings.solve or settings.distances else explained.averaged
+    sized = None if settings.distances else explained.averaged
     found, of_lengths = with_distances(model, found, settings.distances)
     misfits = [*misfits, *of_lengths]
-    where = regions(found, settings.seed, found.freedom if explained.estimated else None)
-    dimensions = dimensions_of(model, found, sized, corrected=not settings.solve)
+    if settings.distances and explained.averaged is not None:
+        misfits.append(Finding(code="note", text=message("calibration.most_probable_sizes")))
+    where, mode = regions(found, settings.seed, found.freedom if explained.estimated else None), found
     if sized is not None:
         where, found = _widened(where, sized.spread[: model.own]), sized.mean(found)
+    # what is not to move keeps its prior
+    dimensions = dimensions_of(model, found, None, corrected=False) if settings.solve else dimensions_of(model, mode, sized)
     findings = [Finding(code="note", text=n) for n in campaign.notes]
     findings += [*poses_findings(model, found), *wrong.findings, *misfits]
     # by the stated noise: what explains residuals as noise would hide the law that they follow
