@@ -162,7 +162,7 @@ def lm_lengths(rows: FloatArray, poses: FloatArray) -> FloatArray:
 
 
 def free_running(
-    name: str, seed: int, lasts: float = 2.0, *, late_s: float = 0.0, waves: bool = False
+    name: str, seed: int | list[int], lasts: float = 2.0, *, late_s: float = 0.0, waves: bool = False
 ) -> tuple[Run, FreeRunning, Moves | Waves]:
     """A run whose channels send by themselves at 100 Hz, at up to 1 m/s and 10 m/s^2."""
     rng, instrument = np.random.default_rng(seed), Instrument(name)
@@ -212,6 +212,16 @@ def test_clocks_of_redundant_channels_are_found_and_of_six_they_keep_their_prior
     pose = errors(motion, frames.common(at), there)[0]
     assert (np.abs(pose) < 3.0 * there.u[:, 0]).mean() > 0.9
     assert there.u[:, 0, 3:].max() > 0.5
+
+
+def test_knots_that_turn_out_too_far_apart_are_halved() -> None:
+    run, frames, motion = free_running("eight-run", [71, 4], 4.0, late_s=5e-3, waves=True)
+    curve = reconstruct_curve(run)[1]
+    at = np.linspace(0.1, 3.9, 30)
+    there = curve.at(at, rates=0)
+    pose = errors(motion, frames.common(at), there)[0]
+    assert np.sqrt((pose[:, 3:] ** 2).sum(axis=1).mean()) < 0.02
+    assert (np.abs(pose) < 1.96 * there.u[:, 0]).mean() > 0.85
 
 
 def shaken(by: Callable[[FloatArray], FloatArray], rate_hz: float) -> tuple[Curve, Shaken]:

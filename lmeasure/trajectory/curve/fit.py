@@ -64,10 +64,13 @@ BELL = 2.0
 """Knots, one standard deviation, over which the size of the snap is estimated."""
 ANYWHERE = 1e-5
 """Of the weight of that estimate: the whole run's."""
-ROUNDS, SETTLED = 20, 1e-5
-"""Most rounds of Gauss-Newton, and the mean squared part of an unknown in the last step, in standard uncertainties."""
+ROUNDS, ESTIMATES, SETTLED = 20, 12, 1e-5
+"""Most rounds of Gauss-Newton, those in which the size of the snap is estimated, and the mean squared part of an unknown in the last step,
+in standard uncertainties. A size that the readings hardly show wanders on without changing the curve: it is taken as it is then."""
 STIFFEST = 1e-10
 """Of the variance that a control pose has by its readings: the least of a fourth difference."""
+TRIES = 3
+"""Spacings, each half of the one before, that are tried where the chosen one has no solution."""
 SMOOTHINGS = 3
 """Estimates of the snap in each round."""
 CHOSEN_BY = 3000
@@ -253,10 +256,10 @@ class Fit:
     def solve(self, control: Control, rounds: int = ROUNDS) -> Solution:
         """Return the fit, from control poses that are moved on; TrajectoryError where it does not settle, if it has all `ROUNDS` for it."""
         size = np.inf
-        for _ in range(rounds):
-            equations = self.equations(control)
-            for _ in range(SMOOTHINGS):
-                step, solution = self._step(equations, control)
+        for number in range(rounds):
+            equations, estimates = self.equations(control), number < ESTIMATES
+            for _ in range(SMOOTHINGS if estimates else 1):
+                step, solution = self._step(equations, control, estimates=estimates)
             own = step[: 6 * self.knots]
             control.moved(own.reshape(-1, 6))
             control.variables = control.variables + step[6 * self.knots :]
@@ -267,8 +270,8 @@ class Fit:
             return solution
         raise TrajectoryError(message("curve.unsettled", spacing_ms=1e3 * self.spacing_s, rounds=rounds))
 
-    def _step(self, equations: Equations, control: Control) -> tuple[FloatArray, Solution]:
-        """Solve the equations for a step, and estimate the snap anew."""
+    def _step(self, equations: Equations, control: Control, *, estimates: bool) -> tuple[FloatArray, Solution]:
+        """Solve the equations for a step, and estimate the snap anew, if it is to be."""
         N, g, X, S, s, total = equations
         K, width, b = self.knots, 6 * ORDER, len(s)
         # stiffer than this, the readings would be lost in the rounding of the prior
@@ -300,7 +303,8 @@ class Fit:
                 move = covariance @ along
                 step, decrement = step - Y @ move, decrement + float(along @ move)
             shared = -(Y @ symmetric_root(covariance)).reshape(K, 6, b)
-        control.snap = self._snap(difference, step.reshape(K, 6), band, by_variance)
+        if estimates:
+            control.snap = self._snap(difference, step.reshape(K, 6), band, by_variance)
         return np.concatenate([step, move]), Solution(control, band, left, shared, covariance, float(evidence), decrement)
 
     @staticmethod
@@ -382,9 +386,18 @@ def curve_of(readings: Readings, spacing_s: float | None = None) -> Curve:
     if known.sum() < ORDER:
         raise TrajectoryError(message("curve.few", poses=int(known.sum()), least=ORDER))
     budget = readings.reconstruction.budget
-    spacing_s = spacing_of(readings) if spacing_s is None else spacing_s
-    first = fit = Fit(readings, spacing_s, budget.origins)
-    solution = first.solve(first.begin())
+    chosen = spacing_of(readings) if spacing_s is None else spacing_s
+    tries = TRIES if spacing_s is None else 1
+    for halved in range(tries):
+        spacing_s = chosen / 2.0**halved
+        first = fit = Fit(readings, spacing_s, budget.origins)
+        try:
+            solution = first.solve(first.begin())
+            break
+        except TrajectoryError:
+            # knots so far apart that the path bends much between them
+            if halved == tries - 1:
+                raise
     if len(budget.every) > len(budget.origins):
         fit = Fit(readings, spacing_s, budget.every)
         control, more = solution.control, len(fit.names) - len(first.names)
