@@ -100,7 +100,8 @@ def draw(seed: int, case: str) -> dict[str, Any]:
 
 def shrinkage() -> list[list[str]]:
     """Rows of characteristics and rates of one run: U95 by single samples and by the curve."""
-    settings, rows = CertificationSettings(trials=1000), []
+    settings = CertificationSettings(trials=1000)
+    found: list[tuple[str, str, str, float, float]] = []
     for rate_hz in RATES_HZ:
         run, program, _ = cornering(rate_hz, 3, 0.3)
         (trajectory, curve), samples = reconstruct_curve(run), reconstruct(run)
@@ -108,12 +109,12 @@ def shrinkage() -> list[list[str]]:
         smooth = {c.key: c for c in evaluate(trajectory, program, ErrorsOfCurve(curve), run=run, settings=settings).characteristics}
         for c in single:
             if c.name in CHARACTERISTICS and c.key in smooth:
-                rows.append([f"{rate_hz:g}", c.name, c.unit, c.u95, smooth[c.key].u95])
+                found.append((f"{rate_hz:g}", c.name, c.unit, c.u95, smooth[c.key].u95))
         moving = motion_of(samples), motion_of_curve(trajectory, curve)
         for name, unit in (("u_velocity", "mm/s"), ("u_acceleration", "mm/s²"), ("u_jerk", "mm/s³")):
-            u = [float(np.nanmedian(np.linalg.norm(getattr(m, name)[:, 3:], axis=1))) for m in moving]
-            rows.append([f"{rate_hz:g}", f"median {name.removeprefix('u_')}", unit, *(WIDE * value for value in u)])
-    return [[*row[:3], f"{row[3]:.3g}", f"{row[4]:.3g}", f"{row[4] / max(row[3], 1e-300):.2f}"] for row in rows]
+            one, other = (WIDE * float(np.nanmedian(np.linalg.norm(getattr(m, name)[:, 3:], axis=1))) for m in moving)
+            found.append((f"{rate_hz:g}", f"median {name.removeprefix('u_')}", unit, one, other))
+    return [[*words, f"{one:.3g}", f"{other:.3g}", f"{other / max(one, 1e-300):.2f}"] for *words, one, other in found]
 
 
 def page(records: list[dict[str, Any]]) -> tuple[str, bool]:

@@ -389,8 +389,7 @@ def curve_of(readings: Readings, spacing_s: float | None = None) -> Curve:
     chosen = spacing_of(readings) if spacing_s is None else spacing_s
     tries = TRIES if spacing_s is None else 1
     for halved in range(tries):
-        spacing_s = chosen / 2.0**halved
-        first = fit = Fit(readings, spacing_s, budget.origins)
+        first = fit = Fit(readings, chosen / 2.0**halved, budget.origins)
         try:
             solution = first.solve(first.begin())
             break
@@ -399,7 +398,7 @@ def curve_of(readings: Readings, spacing_s: float | None = None) -> Curve:
             if halved == tries - 1:
                 raise
     if len(budget.every) > len(budget.origins):
-        fit = Fit(readings, spacing_s, budget.every)
+        fit = Fit(readings, fit.spacing_s, budget.every)
         control, more = solution.control, len(fit.names) - len(first.names)
         control.variables = np.concatenate([np.zeros(more), control.variables])
         solution = fit.solve(control)
@@ -415,7 +414,7 @@ def curve_of(readings: Readings, spacing_s: float | None = None) -> Curve:
     return Curve(
         fit.begin_s,
         fit.end_s,
-        spacing_s,
+        fit.spacing_s,
         control.points,
         control.turns,
         solution.band,
