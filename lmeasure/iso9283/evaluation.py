@@ -179,6 +179,8 @@ def largest_radius_95(errors: PoseErrors) -> float:
 
 
 SCHEMA = "lmeasure.certificate/1"
+HALF = 0.5
+"""Of a correction: its expanded uncertainty."""
 NEGLIGIBLE = 1e-2
 """Of U95: a contribution that a correction need not take into account."""
 
@@ -435,7 +437,8 @@ def _characteristic(
     # the largest of many places of a smooth path is one that erred outwards: by how much on average is known
     hides = any(is_of(row.source, "source.between") and row.contribution > NEGLIGIBLE * worst.u95 for row in worst.budget)
     corrected = figure.extreme and joint and not hides
-    u95 = worst.u95_corrected if corrected else worst.u95
+    # the correction depends on the true path, which is known by its likely shape alone
+    u95 = float(np.hypot(worst.u95_corrected, HALF * worst.bias)) if corrected else worst.u95
     found = Characteristic(
         **figure.key._asdict(),
         clause=figure.clause,
