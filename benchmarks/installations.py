@@ -38,11 +38,13 @@ PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 TOOLS = ("uv", "pipx", "build", "twine", "check-wheel-contents", "cyclonedx-bom", "mypy", "py-rattler-build")
 WORK = Path(tempfile.gettempdir()) / "lmeasure-installations"
 LONGEST_S = 900.0
-TYPES = """import lmeasure as lm
+TYPES = """from pathlib import Path
+
+import lmeasure as lm
 from lmeasure.rig import Rig
 
-rig: Rig = lm.read_rig("rig.toml")
-wrong: int = lm.read_rig("rig.toml")
+rig: Rig = lm.read_rig(Path("rig.toml"))
+wrong: int = lm.read_rig(Path("rig.toml"))
 """
 RECIPE = """# Made by benchmarks/installations.py from pyproject.toml.
 context:

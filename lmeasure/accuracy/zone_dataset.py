@@ -189,7 +189,7 @@ def read_zone(path: Path) -> "xr.Dataset":
 
     open_regular(path).close()
     try:
-        with xr.open_dataset(path, engine="h5netcdf") as stored:
+        with xr.open_dataset(path, engine="h5netcdf", phony_dims="access") as stored:
             data = stored.load()
     except Exception as error:  # HDF5's readers raise whatever a broken file leads them into
         raise FileFormatError(message("error.is_no_netcdf_file", where=path, error=" ".join(str(error).split())[:200])) from error

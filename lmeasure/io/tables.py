@@ -4,6 +4,7 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -50,18 +51,24 @@ def _reason(error: Exception) -> str:
     return text if len(text) <= 200 else text[:200] + "..."
 
 
+MOST_COLUMNS = 2000
+"""More than any table of an instrument has; columns are looked up one by one."""
+
+
 class Table:
     """Named columns of numbers or text read from a .csv or .parquet file, with errors that name file, row and column."""
 
     def __init__(self, path: Path, data: pa.Table, first: int = 0, lines: Sequence[int] = ()) -> None:
         self.path = Path(path)
+        if data.num_columns > MOST_COLUMNS:
+            raise FileFormatError(message("error.columns_most", where=path, n=data.num_columns, most=MOST_COLUMNS))
         self.first = first
         """Number of its first row in the file, when it is a piece of it."""
         self._lines = lines
         """Lines of its rows in the file, where they do not follow each other from the second on."""
         self._data = data
 
-    @property
+    @cached_property
     def columns(self) -> list[str]:
         """Column names in file order."""
         return list(self._data.column_names)
@@ -102,7 +109,8 @@ class Table:
         try:
             yield
         except FileFormatError:
-            there = [name for name in dict.fromkeys((*numbers, *gaps)) if name in self.columns]
+            known = set(self.columns)
+            there = [name for name in dict.fromkeys((*numbers, *gaps)) if name in known]
             self._refuse([fault for name in there for fault in self._read(name, name in gaps)[1]])
             raise
 

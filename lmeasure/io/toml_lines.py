@@ -17,15 +17,27 @@ MOST_READ = 20_000
 """Attempts after which keys that follow have no line: a statement of n lines takes n."""
 
 _PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
-_DEEP = re.compile(rf"^[ \t]*\[{{0,2}}[ \t]*{_PART}(?:[ \t]*\.[ \t]*{_PART}){{100}}", re.MULTILINE)
+_DEEP = re.compile(rf"^[ \t]*+(?:\[{{1,2}}[ \t]*+)?{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{100}}", re.MULTILINE)
 """A key of more than a hundred parts, which no file has that a person wrote: reading it takes the square of their number."""
+
+_LONG = re.compile(r"0[xob][0-9A-Fa-f_]{250}")
+MOST_BITS = 1000
 
 
 def loads(text: str) -> dict[str, Any]:
     """Return the content of a TOML text; ValueError, or RecursionError, for what is none, and for a key of more than a hundred parts."""
     if found := _DEEP.search(text):
         raise ValueError(f"a key has more than a hundred parts (at line {text.count(chr(10), 0, found.start()) + 1}, column 1)")
-    return tomllib.loads(text)
+    content = tomllib.loads(text)
+    if _LONG.search(text) and _longest(content) > MOST_BITS:
+        raise ValueError("a number has more than a thousand bits")  # Python shows none of 4300 digits
+    return content
+
+
+def _longest(value: Any) -> int:
+    """Return the number of bits of the longest whole number in a document."""
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return max(map(_longest, inner), default=0) if not isinstance(value, int) else value.bit_length()
 
 
 class Document(dict[str, Any]):

@@ -162,10 +162,12 @@ def read_counts_in_pieces(path: Path, progress: Callable[[int, int], None] | Non
 
 
 def _counts(table: files.Table) -> Counts:
-    channels = tuple(c for c in table.columns if c not in conventions.RESERVED_COLUMNS and not _is_stamp(c, table.columns))
+    columns = table.columns
+    named = set(columns)
+    channels = tuple(c for c in columns if c not in conventions.RESERVED_COLUMNS and not _is_stamp(c, named))
     if not channels:
-        raise FileFormatError(message("error.has_no_count_column", where=table.path, columns=", ".join(table.columns)))
-    stamps = tuple(c + STAMPS for c in channels if c + STAMPS in table.columns)
+        raise FileFormatError(message("error.has_no_count_column", where=table.path, columns=", ".join(columns)))
+    stamps = tuple(c + STAMPS for c in channels if c + STAMPS in named)
     if stamps and len(stamps) < len(channels):
         lacks = next(c + STAMPS for c in channels if c + STAMPS not in stamps)
         raise FileFormatError(message("counts.stamps_missing", where=table.path, column=lacks))

@@ -1,8 +1,11 @@
 """What is shipped beside the code: the licence, the types, and bounds where a file format or a kernel depends on a package."""
 
 import re
+import shutil
+import subprocess
 import sys
 import tomllib
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -20,12 +23,35 @@ def test_the_licence_is_there_and_named() -> None:
     assert "Apache License\n                           Version 2.0, January 2004" in (ROOT / name).read_text(encoding="utf-8")
 
 
-def test_types_faces_and_catalogues_are_shipped() -> None:
-    shipped = PROJECT["tool"]["setuptools"]["package-data"]
-    places = [(ROOT.joinpath(*package.split(".")), name) for package, patterns in shipped.items() for name in patterns]
-    found = {path for folder, name in places for path in folder.glob(name)}
-    package = ROOT / "lmeasure"
-    assert found >= {package / "py.typed", *(path for kind in ("pyi", "po", "json", "npz") for path in package.rglob(f"*.{kind}"))}
+BUILD = "import sys, setuptools.build_meta as m; m.build_wheel(sys.argv[1])"
+
+
+def test_the_wheel_is_the_package_and_runs_outside_of_it(tmp_path: Path) -> None:
+    """Without a compiler or anything else on the PATH; `benchmarks/installations.py` does so in empty environments of each Python."""
+    source, installed, here = tmp_path / "source", tmp_path / "installed", tmp_path / "here"
+    shutil.copytree(ROOT / "lmeasure", source / "lmeasure", ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    here.mkdir()
+    subprocess.run([sys.executable, "-c", BUILD, str(tmp_path)], cwd=source, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    zipfile.ZipFile(wheel).extractall(installed)
+    shipped = {path.relative_to(installed) for path in (installed / "lmeasure").rglob("*") if path.is_file()}
+    assert shipped == {path.relative_to(source) for path in (source / "lmeasure").rglob("*") if path.is_file()}
+    env = {"PYTHONPATH": str(installed), "PATH": "", "HOME": str(tmp_path)}
+    for words in (
+        ["--version", "--json"],
+        ["init", "cell", "--template", "three-drums"],
+        ["inspect", "cell/rig.toml"],
+        ["key", "--out", "k"],
+    ):
+        done = subprocess.run([sys.executable, "-m", "lmeasure", *words], cwd=here, env=env, capture_output=True, text=True)
+        assert done.returncode == 0, (words, done.stderr)
+    assert (here / "cell" / "rig.toml").exists()
+    where = subprocess.run(
+        [sys.executable, "-c", "import lmeasure; print(lmeasure.__file__)"], cwd=here, env=env, capture_output=True, text=True
+    )
+    assert Path(where.stdout.strip()).is_relative_to(installed)
 
 
 def test_packages_that_a_format_or_a_kernel_depends_on_are_bounded() -> None:
