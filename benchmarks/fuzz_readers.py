@@ -4,7 +4,7 @@
     python benchmarks/fuzz_readers.py --corpus FOLDER [--seconds S] [--reader NAME ...] [--write]
 
 Readers and right files are those of `tests/helpers/readers.py`. An input that is not read or refused in one line, or that takes too long,
-is kept in FOLDER/found. Put it into `tests/attacks/found` once the fault is mended: the suite replays it there.
+is kept in FOLDER/found.
 --seconds are of each reader. --write writes the table to benchmarks/results/fuzz_readers.md.
 """
 
