@@ -7,7 +7,14 @@ from .placement import (
     placement_record as placement_record,
     read_placement as read_placement,
 )
-from .program_check import corrected as corrected, correction_columns as correction_columns, guard as guard, guard_columns as guard_columns
+from .program_check import (
+    corrected as corrected,
+    correction_columns as correction_columns,
+    guard as guard,
+    guard_columns as guard_columns,
+    keeping as keeping,
+    within as within,
+)
 from .radius import exact_radius_95 as exact_radius_95, radii_95 as radii_95, stated_radii_95 as stated_radii_95
 from .trajectory_quality import (
     AXIS_95 as AXIS_95,

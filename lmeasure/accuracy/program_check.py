@@ -1,5 +1,6 @@
 """A robot program compared with the zone, and its paths that leave the zone led around the limits by the least deviation (thesis 5.2)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -9,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.accuracy.scan import run
 from lmeasure.accuracy.zone import at_pose, make_plan, named_figures
-from lmeasure.core import AccuracyError, FloatArray, StructureError
-from lmeasure.linkages import Bounds, detour
+from lmeasure.core import AccuracyError, FloatArray, StructureError, se3
+from lmeasure.linkages import Kept, detour
 from lmeasure.recording import CommandedPath, Program
 from lmeasure.rig import CalibrationRecord, Rig
-from lmeasure.structure import bounds_of, linkage_of
+from lmeasure.structure import Linkage, bounds_of
 from lmeasure.text import message
 
 if TYPE_CHECKING:
@@ -70,8 +71,7 @@ def _along(path: CommandedPath, rotation: Rotation, step_mm: float) -> tuple[Flo
     points = path.points(step_mm)
     if path.end_quaternion_xyzw is None:
         return points, Rotation.from_quat([rotation.as_quat() if path.quaternion_xyzw is None else path.quaternion_xyzw])
-    gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    turns = path.orientation(gone / gone[-1])
+    turns = path.orientation(_share(points))
     assert turns is not None
     return points, turns
 
@@ -100,6 +100,8 @@ def guard_columns(parts: list[Part]) -> dict[str, Any]:
 
 
 MARGIN = 1e-6  # of the limits' scale: a path on a limit is not called beyond it for its rounding
+SETTLED = 5e-7  # of the limits' scale: as little as a path that turns may miss the margin by
+ROUNDS = 12  # in which the rotation along a path that is led around settles
 
 
 @dataclass(frozen=True)
@@ -130,63 +132,90 @@ class Led:
         return message("accuracy.path_led_around_most", name=self.name, mm=self.deviation_mm.max())
 
 
-def corrected(
-    rig: Rig, program: Program, rotation: Rotation, *, limit_deg: float = 60.0, lengths_mm: tuple[float, float] | None = None
-) -> tuple[Program, list[Led]]:
-    """The program with every path within the limits of the rig, cables as they run over their pulleys, and what was done with each.
+def corrected(kept_at: Callable[[FloatArray], Kept | None], program: Program, rotation: Rotation) -> tuple[Program, list[Led]]:
+    """Return the program with every path within the limits of a rig or a mechanism, and what was done with each path.
 
-    A path that leaves them becomes one of points; its ends, orientation, speed and cycles stay. It keeps the limits between its points too.
-    rotation: of paths that state none. The assembly is that of the first commanded place that keeps the limits. Left as they are and named:
-    paths that turn or weave, and those with an end beyond a limit. AccuracyError where no place keeps the limits.
+    A path that leaves them becomes one of points; its ends, orientations, speed and cycles stay. It keeps the limits between its points.
+    kept_at: of a pose (7,), the limits in its assembly mode, None where it does not keep them (`within`). rotation: of paths that state
+    none. The assembly is that of the first commanded place that keeps the limits. Left as they are and named: paths that weave, and those
+    with an end beyond a limit. AccuracyError where no place keeps the limits.
     """
-    linkage = linkage_of(rig)
-    places = [p.position_mm for p in program.pose] + [tuple(x) for path in program.path for x in path.points(STEP_MM)]
-    turns = [p.quaternion_xyzw for p in program.pose] + [_turn(path, rotation) for path in program.path for _ in path.points(STEP_MM)]
-    tried = (_bounds(linkage, x, q, limit_deg, lengths_mm) for x, q in zip(places, turns, strict=True))
-    bounds = next((b for b in tried if b is not None), None)
-    if bounds is None:
-        raise AccuracyError(message("error.no_pose_or_path", limit_deg=limit_deg))
-    found = [_led(bounds, path, rotation) for path in program.path]
+    places = [np.array([*p.position_mm, *p.quaternion_xyzw], dtype=np.float64) for p in program.pose]
+    places += [pose for path in program.path for pose in _poses(path, path.points(STEP_MM), rotation)]
+    kept = next((k for pose in places if (k := kept_at(pose)) is not None), None)
+    if kept is None:
+        raise AccuracyError(message("error.no_pose_or_path"))
+    found = [_led(kept, path, rotation) for path in program.path]
     paths = tuple(_as_points(path, one) if one.changed else path for path, one in zip(program.path, found, strict=True))
     return program.model_copy(update={"path": paths}), found
 
 
-def _turn(path: CommandedPath, rotation: Rotation) -> tuple[float, ...]:
-    return path.quaternion_xyzw or tuple(rotation.as_quat().tolist())
+def within(linkage: Linkage, limit_deg: float, lengths_mm: tuple[float, float] | None = None) -> Callable[[FloatArray], Kept | None]:
+    """Return the limits of links for `corrected`: cables as they run over their pulleys, rods, Hooke joints."""
+
+    def kept_at(pose: FloatArray) -> Kept | None:
+        try:
+            bounds = bounds_of(linkage, pose, limit_deg, lengths_mm)
+        except StructureError:
+            return None
+        return keeping(bounds, pose)
+
+    return kept_at
 
 
-def _bounds(linkage: Any, place: Any, turn: Any, limit_deg: float, lengths_mm: tuple[float, float] | None) -> Bounds | None:
-    """The limits in the assembly of a place, where it keeps them."""
-    pose = np.array([*place, *turn], dtype=np.float64)
-    try:
-        bounds = bounds_of(linkage, pose, limit_deg, lengths_mm)
-    except StructureError:
-        return None
-    return bounds if (bounds.values(pose) >= MARGIN).all() else None
-
-
-def _led(bounds: Bounds, path: CommandedPath, rotation: Rotation) -> Led:
-    points = path.points(STEP_MM)
-    poses = np.column_stack([points, np.tile(_turn(path, rotation), (len(points), 1))])
+def keeping(kept: Kept, pose: FloatArray) -> Kept | None:
+    """Return the limits where a pose (7,) keeps them, else None."""
     with np.errstate(invalid="ignore"):
-        if (bounds.values(poses) >= MARGIN).all():
+        return kept if (kept.values(pose) >= MARGIN).all() else None
+
+
+def _poses(path: CommandedPath, points: FloatArray, rotation: Rotation, share: FloatArray | None = None) -> FloatArray:
+    """(n, 7) commanded poses at points (n, 3); share (n,): of the path's length, by default that of the points."""
+    turns = path.orientation(_share(points) if share is None else share)
+    return np.column_stack([points, np.tile(rotation.as_quat(), (len(points), 1)) if turns is None else turns.as_quat()])
+
+
+def _share(points: FloatArray) -> FloatArray:
+    """(n,) shares of the length of a path through points (n, 3)."""
+    gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    return np.asarray(gone / max(float(gone[-1]), 1e-300))
+
+
+def _led(kept: Kept, path: CommandedPath, rotation: Rotation) -> Led:
+    points = path.points(STEP_MM)
+    share = _share(points)
+    with np.errstate(invalid="ignore"):
+        if (kept.values(_poses(path, points, rotation)) >= MARGIN).all():
             return Led(path.name, points, points)
-    if path.end_quaternion_xyzw is not None:
-        return Led(path.name, points, points, message("accuracy.path_turns"))
     if path.weave_stroke_mm is not None:
         return Led(path.name, points, points, message("accuracy.path_weaves"))
-    try:
-        found = detour(bounds, poses, margin=MARGIN, turns=False)
-    except StructureError as error:
-        return Led(path.name, points, points, str(error).removeprefix("path: "))
-    t = found.parameter
-    commanded = np.column_stack([np.interp(t, np.arange(len(points)), column) for column in points.T])
-    return Led(path.name, commanded, found.poses[:, :3])
+    for _ in range(ROUNDS):
+        try:
+            found = detour(kept, _poses(path, points, rotation, share), margin=MARGIN, turns=False)
+        except StructureError as error:
+            return Led(path.name, points, points, str(error).removeprefix("path: "))
+        # the tool turns along the new path by its length, which is another one
+        own = _share(found.poses[:, :3])
+        if path.end_quaternion_xyzw is None or _keeps(kept, _poses(path, found.poses[:, :3], rotation)):
+            commanded = np.column_stack([np.interp(found.parameter, np.arange(len(points)), column) for column in points.T])
+            return Led(path.name, commanded, found.poses[:, :3])
+        share = np.interp(np.arange(len(points)), found.parameter, own)
+    return Led(path.name, points, points, message("accuracy.path_turns"))
+
+
+def _keeps(kept: Kept, poses: FloatArray) -> bool:
+    """Whether a path through poses (n, 7) keeps the limits, halfway between them too."""
+    half = se3.displaced(poses[:-1], 0.5 * se3.displacement(poses[1:], poses[:-1]))
+    with np.errstate(invalid="ignore"):
+        return bool((kept.values(np.concatenate([poses, half])) >= MARGIN - SETTLED).all())
 
 
 def _as_points(path: CommandedPath, found: Led) -> CommandedPath:
     """The path through other points."""
-    kept = {key: getattr(path, key) for key in ("name", "windows_s", "cycles", "speed_percent", "load_kg", "speed_mm_s", "quaternion_xyzw")}
+    kept = {
+        key: getattr(path, key)
+        for key in ("name", "windows_s", "cycles", "speed_percent", "load_kg", "speed_mm_s", "quaternion_xyzw", "end_quaternion_xyzw")
+    }
     apart = np.append(True, np.linalg.norm(np.diff(found.points, axis=0), axis=1) > 1e-9)
     points = tuple(tuple(point) for point in found.points[apart].tolist())
     return CommandedPath(**{key: value for key, value in kept.items() if value is not None}, kind="points", points_mm=points)

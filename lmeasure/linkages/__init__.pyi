@@ -1,5 +1,5 @@
 from .architecture import architecturally_singular as architecturally_singular
-from .bounds import Bounds as Bounds, Further as Further, Lines as Lines
+from .bounds import Behind as Behind, Bounds as Bounds, Further as Further, Kept as Kept, Lines as Lines
 from .chain import Chain as Chain, grown as grown, proved as proved
 from .detours import detour as detour
 from .flat_tetrahedra import Tetrahedron as Tetrahedron, adjusted as adjusted, clear as clear

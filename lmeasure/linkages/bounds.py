@@ -17,6 +17,7 @@ than six links lose their rank on curves, which part nothing, so that without a 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -32,6 +33,46 @@ Lines = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 """Of poses (..., 7): rows (..., m, 6), lengths (..., m) and places (..., m, 3) of the body's points, as of `singularity.link_rows`.
 
 For links of rods, rates (..., m, 3, 6) of what their ends move by twists (omega; v) take the place of points."""
+
+
+class Kept(Protocol):
+    """Limits that a path keeps, as `Bounds` has them: base (m, 3) and body (m, 3), points that size turns and shifts; names (k,) of the
+    limits; values (..., k) at poses (..., 7), smooth, positive where a limit is kept, NaN where the mechanism cannot be."""
+
+    @property
+    def base(self) -> FloatArray: ...
+    @property
+    def body(self) -> FloatArray: ...
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    def values(self, poses: FloatArray) -> FloatArray: ...
+
+
+@dataclass(frozen=True)
+class Behind:
+    """The limits of a body that carries a tool, at poses of the tool; tool (7,): body_from_tool."""
+
+    own: Kept
+    tool: FloatArray
+
+    @property
+    def base(self) -> FloatArray:
+        """(m, 3) of the base."""
+        return self.own.base
+
+    @property
+    def body(self) -> FloatArray:
+        """(m, 3) of the body."""
+        return self.own.body
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the body's limits."""
+        return self.own.names
+
+    def values(self, poses: FloatArray) -> FloatArray:
+        """(..., k) at poses (..., 7) of the tool."""
+        return self.own.values(se3.compose(poses, np.broadcast_to(se3.inverse(self.tool), poses.shape)))
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from lmeasure.core import FloatArray, StructureError, se3
-from lmeasure.linkages.bounds import Bounds
+from lmeasure.linkages.bounds import Kept
 from lmeasure.linkages.singularity import rim_mm
 from lmeasure.text import message
 
@@ -38,7 +38,7 @@ class Detour:
     norm_mm: FloatArray
 
 
-def detour(bounds: Bounds, poses: FloatArray, margin: float = 0.0, *, turns: bool = True) -> Detour:
+def detour(bounds: Kept, poses: FloatArray, margin: float = 0.0, *, turns: bool = True) -> Detour:
     """The commanded poses (n, 7), and more between them where needed, led around the limits; margin: what limits are kept by beyond 0, in
     their units (`Bounds.values`); turns: whether the body may be turned, too, or is only shifted.
 
@@ -75,14 +75,16 @@ def detour(bounds: Bounds, poses: FloatArray, margin: float = 0.0, *, turns: boo
     return Detour(out, parameter, shift, turn, np.hypot(shift, rim * turn))
 
 
-def _halved(bounds: Bounds, poses: FloatArray, margin: float, aim: float, turns: bool) -> list[tuple[float, FloatArray]]:
+def _halved(bounds: Kept, poses: FloatArray, margin: float, aim: float, turns: bool) -> list[tuple[float, FloatArray]]:
     """Parameters and poses of the path, each led around, with more of them where the way between two does not keep the limits."""
-    found = [(float(k), led(bounds, pose, margin, aim=aim, turns=turns)) for k, pose in enumerate(poses)]
+    kept = np.asarray((bounds.values(poses) >= margin).all(axis=1))
+    found = [(float(k), pose if kept[k] else led(bounds, pose, margin, aim=aim, turns=turns)) for k, pose in enumerate(poses)]
     for _ in range(HALVINGS):
         more: list[tuple[float, FloatArray]] = [found[0]]
-        for (i, a), (j, b) in pairwise(found):
-            middle = at(np.stack([a, b]), 0.5)
-            if (bounds.values(middle) < margin).any():
+        middles = np.array([at(np.stack([a, b]), 0.5) for (_, a), (_, b) in pairwise(found)])
+        missed = np.asarray((bounds.values(middles) < margin).any(axis=1))
+        for ((i, _), (j, b)), middle, misses in zip(pairwise(found), middles, missed, strict=True):
+            if misses:
                 more.append(((i + j) / 2.0, led(bounds, at(poses, (i + j) / 2.0), margin, middle, aim=aim, turns=turns)))
             more.append((j, b))
         if len(more) == len(found):
@@ -91,19 +93,16 @@ def _halved(bounds: Bounds, poses: FloatArray, margin: float, aim: float, turns:
     return found
 
 
-def _short(bounds: Bounds, found: list[tuple[float, FloatArray]], margin: float) -> tuple[float, int]:
+def _short(bounds: Kept, found: list[tuple[float, FloatArray]], margin: float) -> tuple[float, int]:
     """By how much the worst place between the poses falls short of the margin, and after which sample."""
-    worst, where = 0.0, 0
-    for (i, a), (_, b) in pairwise(found):
-        between = np.array([at(np.stack([a, b]), part) for part in (0.25, 0.5, 0.75)])
-        short = margin - float(np.nan_to_num(bounds.values(between), nan=-np.inf).min())
-        if short > worst:
-            worst, where = short, int(i)
-    return worst, where
+    between = np.array([at(np.stack([a, b]), part) for (_, a), (_, b) in pairwise(found) for part in (0.25, 0.5, 0.75)])
+    short = margin - np.nan_to_num(bounds.values(between), nan=-np.inf).min(axis=1)
+    worst = int(np.argmax(short))
+    return max(float(short[worst]), 0.0), int(found[worst // 3][0])
 
 
 def led(
-    bounds: Bounds, pose: FloatArray, margin: float = 0.0, start: FloatArray | None = None, *, aim: float | None = None, turns: bool = True
+    bounds: Kept, pose: FloatArray, margin: float = 0.0, start: FloatArray | None = None, *, aim: float | None = None, turns: bool = True
 ) -> FloatArray:
     """The pose (7,) nearest to a pose that keeps all limits: least displacement under the limits made linear, again and again.
 
@@ -118,9 +117,7 @@ def led(
     unit = np.diag(np.repeat([1.0 / rim, 1.0], 3))[:, 0 if turns else 3 :]
     now = np.zeros(unit.shape[1]) if start is None else (se3.displacement(start, pose) * np.repeat([rim, 1.0], 3))[0 if turns else 3 :]
     for _ in range(STEPS):
-        here = se3.displaced(pose, unit @ now)
-        values = bounds.values(here)
-        rates = _rates(bounds, pose, now, unit, rim)
+        values, rates = _linear(bounds, pose, now, unit, rim)
         if not (np.isfinite(values).all() and np.isfinite(rates).all()):
             break
         then = _least(rates, aim - values + rates @ now)
@@ -137,12 +134,14 @@ def led(
     raise StructureError(message("error.path_no_pose_near"))
 
 
-def _rates(bounds: Bounds, pose: FloatArray, now: FloatArray, unit: FloatArray, rim: float) -> FloatArray:
-    """(k, q) rates of the limits by the displacement now (q,) from the pose, unit (6, q) being its directions, in mm of the rim."""
+def _linear(bounds: Kept, pose: FloatArray, now: FloatArray, unit: FloatArray, rim: float) -> tuple[FloatArray, FloatArray]:
+    """(k,) limits at a displacement now (q,) from the pose, and (k, q) their rates; unit (6, q): its directions, in mm of the rim."""
     # so far because cables over pulleys are known to 1e-13 of their limits only
     step, each = 1e-4 * rim, np.eye(len(now))
-    ahead, behind = (bounds.values(se3.displaced(pose, (now + sign * step * each) @ unit.T)) for sign in (1.0, -1.0))
-    return np.asarray(((ahead - behind) / (2.0 * step)).T)
+    here, ahead, behind = np.split(
+        bounds.values(se3.displaced(pose, (now + step * np.vstack([0.0 * now, each, -each])) @ unit.T)), [1, 1 + len(now)]
+    )
+    return here[0], np.asarray(((ahead - behind) / (2.0 * step)).T)
 
 
 def _least(A: FloatArray, b: FloatArray) -> FloatArray | None:

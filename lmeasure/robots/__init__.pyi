@@ -51,7 +51,7 @@ from .model import RobotModel as RobotModel, joint_columns as joint_columns
 from .parallel.dyads import Dyad as Dyad, Minimax as Minimax, all_fitted as all_fitted, minimax as minimax, misses as misses
 from .parallel.file import ParallelFile as ParallelFile
 from .parallel.jacobians import nearness as nearness
-from .parallel.limits import checked as checked
+from .parallel.limits import PathLimits as PathLimits, checked as checked, hooke_joints as hooke_joints
 from .parallel.outline import Drawn as Drawn, drawn as drawn
 from .parallel.study import (
     Grid as Grid,

@@ -23,7 +23,11 @@ from lmeasure.workflows.settings import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from lmeasure.core import FloatArray
     from lmeasure.iso9283 import Cube
+    from lmeasure.linkages import Kept
     from lmeasure.recording import Program
     from lmeasure.text import Message
 
@@ -71,7 +75,18 @@ class Settings(Writing):
         option("Change the paths of this program to stay within the limits of --rig; their ends stay.", metavar="PROGRAM.toml", panel=KEPT),
     ] = None
     rig: Annotated[Path | None, option("Rig, for --correct and for the faults that returns show.", metavar="RIG.toml")] = None
-    limit_deg: Annotated[float, option("With --correct: largest pressure angle.", panel=KEPT, within=(0.0, 90.0))] = 60.0
+    robot: Annotated[
+        str | None,
+        option(
+            "In place of --rig, for --correct: a platform by name, its robot.toml, or a table of points and links.",
+            metavar="ROBOT",
+            panel=KEPT,
+        ),
+    ] = None
+    limit_deg: Annotated[
+        float | None,
+        option("With --correct: largest pressure angle; default 60 for a rig, else only no singular pose.", panel=KEPT, within=(0.0, 90.0)),
+    ] = None
     length_mm: Annotated[Pair | None, option("With --correct: cable lengths.", metavar="MIN:MAX", panel=KEPT)] = None
     drift_hours: Annotated[float, option("Duration of the drift test.", unit="h")] = 8.0
 
@@ -153,23 +168,57 @@ def _corrected(settings: Settings, commanded: Path) -> "Result[Program]":
     from lmeasure.accuracy import corrected, correction_columns
     from lmeasure.io import files
     from lmeasure.recording import read_program, write_program
-    from lmeasure.rig import read_linked_rig
 
-    if settings.rig is None:
+    if (settings.rig is None) == (settings.robot is None):
         raise SettingsError("correct", message("error.needs_rig_whose_limits"))
     if settings.zone is not None or (settings.x, settings.y, settings.z) != (None, None, None):
         raise SettingsError("correct", message("error.corrects_a_program_it"))
-    if not 0.0 < settings.limit_deg < 90.0:
-        raise SettingsError("limit_deg", message("error.does_not_lie_between", limit_deg=settings.limit_deg))
     program = read_program(commanded)
-    rig, _ = read_linked_rig(settings.rig)
-    turn = Rotation.from_quat(settings.quaternion)
-    made, found = corrected(rig, program, turn, limit_deg=settings.limit_deg, lengths_mm=settings.length_mm)
+    made, found = corrected(_limits(settings), program, Rotation.from_quat(settings.quaternion))
     with files.whole(settings.out / "program.toml") as written, files.whole(settings.out / "corrected.csv") as table:
         write_program(written, made)
         files.write_table(table, correction_columns(found))
     left = tuple(one.line() for one in found if one.left)
     return Result(made, tuple(one.line() for one in found), {"led_around": float(sum(one.changed for one in found))}, left)
+
+
+def _limits(settings: Settings) -> "Callable[[FloatArray], Kept | None]":
+    """The limits of --rig or --robot: those of a mechanism's legs, drives and joints, or pressure angles and lengths of links."""
+    from lmeasure.accuracy import keeping, within
+    from lmeasure.core import se3
+    from lmeasure.io import files
+    from lmeasure.linkages import LINKS, Behind
+    from lmeasure.rig import read_linked_rig
+    from lmeasure.robots import SCHEMA, ParallelFile, PathLimits, PlatformFile
+    from lmeasure.structure import linkage_of, read_linkage
+    from lmeasure.workflows.identify import nominal
+    from lmeasure.workflows.structure import of_robot
+
+    if settings.rig is not None:
+        limit = 60.0 if settings.limit_deg is None else settings.limit_deg
+        if not 0.0 < limit < 90.0:
+            raise SettingsError("limit_deg", message("error.does_not_lie_between", limit_deg=limit))
+        return within(linkage_of(read_linked_rig(settings.rig)[0]), limit, settings.length_mm)
+    assert settings.robot is not None
+    limit, path = 90.0 if settings.limit_deg is None else settings.limit_deg, Path(settings.robot)
+    if path.suffix == ".toml" and files.read_toml(path).get("schema") != SCHEMA:
+        return within(read_linkage(path), limit, settings.length_mm)
+    robot = nominal(settings.robot)
+    if isinstance(robot, PlatformFile):
+        links, tool = of_robot(path), robot.tool_pose
+        assert links is not None
+        own = within(links, limit, settings.length_mm)
+
+        def on_tool(pose: "FloatArray") -> "Kept | None":
+            kept = own(se3.compose(pose, se3.inverse(tool)))
+            return None if kept is None else Behind(kept, tool)
+
+        return on_tool
+    if not isinstance(robot, ParallelFile) or len(robot.model.joint_names) != LINKS:
+        raise SettingsError("robot", message("error.corrects_paths_of_platforms", name=settings.robot))
+    refuse(settings, "goes with links, not with a mechanism's own limits", "limit_deg", "length_mm")
+    limits = Behind(PathLimits(robot.model, robot.limits), robot.tool_pose)
+    return lambda pose: keeping(limits, pose)
 
 
 def _cube(settings: Settings) -> "Cube":

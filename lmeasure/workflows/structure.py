@@ -125,7 +125,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
         made: Any = every
         lines = list_lines(every)
     else:
-        linkage = _of_robot(settings.file) or read_linkage(settings.file)
+        linkage = of_robot(settings.file) or read_linkage(settings.file)
         if settings.lengths_mm is not None:
             linkage = linkage.with_lengths(settings.lengths_mm, "--lengths-mm")
         turn = settings.quaternion or (0.0, 0.0, 0.0, 1.0)
@@ -175,13 +175,13 @@ def _split(linkage: "Linkage", trajectory: Path, out: Path) -> str:
     )  # fmt: skip
 
 
-def _of_robot(path: Path) -> "Linkage | None":
+def of_robot(path: Path) -> "Linkage | None":
     """The links of a platform, a built-in one by its name or in a robot.toml; None for any other file: a hexapod's legs within their
     limits, or those of a mechanism whose six equations are lengths, with its drives as at home. FileFormatError for another robot."""
     import numpy as np
 
     from lmeasure.io import files
-    from lmeasure.robots import SCHEMA, ParallelFile, PlatformFile, any_shipped, read_robot, shipped_names
+    from lmeasure.robots import SCHEMA, ParallelFile, PlatformFile, any_shipped, hooke_joints, read_robot, shipped_names
     from lmeasure.structure import Linkage
 
     built_in = not path.exists() and str(path) in shipped_names()
@@ -198,7 +198,9 @@ def _of_robot(path: Path) -> "Linkage | None":
         held = robot.model.held_by_lengths()
         if held is not None:
             names = [(leg.name, f"base of {leg.name}", f"platform of {leg.name}") for leg in robot.leg]
-            return Linkage(held.ends, np.array([leg.platform_mm for leg in robot.leg]), names, held.lengths, held.limits)
+            hooke = hooke_joints(robot.model, robot.limits)
+            points = np.array([leg.platform_mm for leg in robot.leg])
+            return Linkage(held.ends, points, names, held.lengths, held.limits, hooke=hooke)
     raise FileFormatError(message("error.robot_is_not_held", where=path, name=robot.name))
 
 

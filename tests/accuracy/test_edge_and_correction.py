@@ -1,6 +1,9 @@
 """The zone's edge by following it, and paths led around its limits: against nodes and against the zone's own figures."""
 
+import json
+from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,11 +14,13 @@ from typer.testing import CliRunner
 from lmeasure import zone
 from lmeasure.accuracy import Limits, Scan, edges, tilts
 from lmeasure.cli.app import app
-from lmeasure.core import StructureError
+from lmeasure.core import FloatArray, StructureError
+from lmeasure.io import files
 from lmeasure.linkages import Slice, detour, first_met
 from lmeasure.recording import CommandedPath, Program, read_program, write_program
 from lmeasure.report import write_zone_page
 from lmeasure.rig import read_rig
+from lmeasure.robots import ParallelFile, any_shipped
 from lmeasure.structure import bounds_of, read_linkage
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
@@ -112,6 +117,68 @@ def test_a_path_that_leaves_the_zone_is_led_around(tmp_path: Path) -> None:
     nearer *= 0.99 * deviation * rng.uniform(0.0, 1.0, (3000, 1)) ** (1 / 3) / np.linalg.norm(nearer, axis=1, keepdims=True)
     poses = np.column_stack([commanded + nearer, np.tile([0.0, 0.0, 0.0, 1.0], (3000, 1))])
     assert not bounds.inside(poses).any()
+
+
+def gaps(file: ParallelFile, poses: FloatArray) -> FloatArray:
+    """(n, 6) [deg] between neighbouring carriages of the rotopod, whose rods reach from them to the platform."""
+    legs: list[Any] = list(file.leg)
+    at = poses[:, None, :3] + np.einsum("nij,mj->nmi", Rotation.from_quat(poses[:, 3:]).as_matrix(), [leg.platform_mm for leg in legs])
+    azimuth = file.model.follow(poses, file.model.home_joints) + np.radians([leg.offset_deg for leg in legs])
+    ring, height = (np.array([getattr(leg, key) for leg in legs]) for key in ("ring_mm", "height_mm"))
+    feet = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), np.zeros_like(azimuth) + height], axis=-1)
+    np.testing.assert_allclose(np.linalg.norm(at - feet, axis=-1) - [leg.rod_mm for leg in legs], 0.0, atol=1e-6)
+    order = np.sort(np.degrees(azimuth) % 360.0, axis=1)
+    return np.diff(np.column_stack([order, order[:, 0] + 360.0]), axis=1)
+
+
+def test_a_path_that_turns_is_led_around_the_limits_of_a_mechanism(tmp_path: Path) -> None:
+    """The rotopod's workspace turns with its platform, and the led path turns along its own length."""
+    file = any_shipped("rotopod")
+    assert isinstance(file, ParallelFile)
+    path = PATHS[1].model_copy(update={
+        "centre_mm": (0.0, 0.0, 965.0), "radius_mm": 100.0, "start_mm": (0.0, 100.0, 965.0),
+        "quaternion_xyzw": (0.0, 0.0, 0.0, 1.0), "end_quaternion_xyzw": (0.0, 0.0, 0.5, np.sqrt(0.75)),
+    })  # fmt: skip
+    write_program(tmp_path / "program.toml", Program(schema_="lmeasure.program/1", path=(path,)))
+    words = ["program", "--out", str(tmp_path / "led"), "--correct", str(tmp_path / "program.toml"), "--robot"]
+    done = CliRunner().invoke(app, [*words, "rotopod"])
+    assert done.exit_code == 0, done.output
+    (led,) = read_program(tmp_path / "led" / "program.toml").path
+    assert (led.kind, led.end_quaternion_xyzw) == ("points", path.end_quaternion_xyzw)
+    angles = []
+    for one in (path, led):
+        points = one.points(5.0)
+        gone = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+        turns = one.orientation(gone / gone[-1])
+        assert turns is not None
+        angles.append(gaps(file, np.column_stack([points, turns.as_quat()])[::3]))
+    assert angles[0].min() < 11.0
+    assert 12.0 - 1e-3 < angles[1].min() < angles[1].max() < 120.0 + 1e-3
+    np.testing.assert_allclose(led.points(5.0)[[0, -1]], [(0.0, 100.0, 965.0)] * 2, atol=1e-9)
+    done = CliRunner().invoke(app, [*words, "crank-platform", "--force"])
+    assert done.exit_code == 2
+    assert "paths are corrected for platforms with six joints" in done.output
+
+
+def test_limits_of_hooke_joints_end_the_boundary_of_logos(tmp_path: Path) -> None:
+    """5.8: where a leg turns or a joint bends as far as the file allows, by the text's vectors."""
+    legs = files.read_toml(Path(str(resources.files("lmeasure.robots").joinpath("shipped/logos.toml"))))
+    legs["limits"] = {"leg_turn_deg": 8.0, "hooke_deg": 16.0}
+    files.write_toml(tmp_path / "logos.toml", legs)
+    turn = Rotation.from_euler("z", 8.0, degrees=True)
+    words = ["structure", str(tmp_path / "logos.toml"), "--position-mm", "0,0,713.7", "--quaternion", "fixed-xyz:0,0,8", "--boundary", "xy"]
+    done = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "s.json")])
+    assert done.exit_code == 0, done.output
+    (piece,) = json.loads((tmp_path / "s.json").read_text())["boundary"]["slices"]
+    assert {limit.partition(": ")[2] for limit in piece["limits"]} == {"it turns about itself too far", "a Hooke joint bends too far"}
+    for place, limit in list(zip(piece["places_mm"], piece["limits"], strict=True))[::15]:
+        leg = next(leg for leg in legs["leg"] if limit.startswith(leg["name"]))
+        E4 = np.array(place) + turn.apply(leg["platform_mm"]) - leg["base_mm"]
+        E2, E6 = np.array(leg["base_axis"]), turn.apply(leg["platform_axis"])
+        E3, E5 = np.cross(E4, E2), np.cross(E4, E6)
+        away = np.degrees(np.arccos(E3 @ E5 / np.linalg.norm(E3) / np.linalg.norm(E5)))
+        bends = [90.0 - np.degrees(np.arccos(abs(E4 @ E) / np.linalg.norm(E4) / np.linalg.norm(E))) for E in (E2, E6)]
+        assert min(abs(away - 8.0), *(abs(bend - 16.0) for bend in bends)) < 1e-3
 
 
 @pytest.mark.parametrize(("words", "said"), [(["--rig", str(RIG)], "--x"), (["--correct", "p.toml"], "correct")])

@@ -2,14 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, se3
+from lmeasure.linkages import HookeJoints
 from lmeasure.robots.file_fields import Limits
 from lmeasure.robots.model import nearest_turns
 from lmeasure.robots.parallel.jacobians import nearness
-from lmeasure.robots.parallel.model import EQUATIONS, Parallel
+from lmeasure.robots.parallel.model import EQUATIONS, Parallel, Rows
 
 RING = ("carriage", "radial", "radial-arm")
 STEPS = 200
@@ -127,52 +129,136 @@ def own_roots(robot: Parallel, poses: FloatArray) -> FloatArray:
 
 
 def _stands(feet: FloatArray, mass: FloatArray) -> BoolArray:
-    """(N,) whether masses (N, 3) are over the polygon of feet (N, n, 3), convex and taken in their order round their middle: left of all
-    its sides."""
+    """(N,) whether masses (N, 3) are over the polygon of feet (N, n, 3)."""
+    return np.asarray((_over(feet, mass) > 0.0).all(axis=1))
+
+
+def _over(feet: FloatArray, mass: FloatArray) -> FloatArray:
+    """(N, n) how far masses (N, 3) are left of the sides of a polygon of feet (N, n, 3) [mm], convex and taken in their order round their
+    middle."""
     away = feet - feet.mean(axis=1, keepdims=True)
     order = np.argsort(np.arctan2(away[..., 1], away[..., 0]), axis=1)
     feet = np.take_along_axis(feet, order[..., None], axis=1)
     chord, to_mass = np.roll(feet, -1, axis=1) - feet, mass[:, None, :] - feet
-    return np.asarray((chord[..., 0] * to_mass[..., 1] - chord[..., 1] * to_mass[..., 0] > 0.0).all(axis=1))
+    across = chord[..., 0] * to_mass[..., 1] - chord[..., 1] * to_mass[..., 0]
+    return np.asarray(across / np.linalg.norm(chord[..., :2], axis=-1))
 
 
-def hooke_turns(e: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """(...,) rad by which a leg of unit direction e (..., 3) turns about itself, signed, against where both crosses, of first axes low and
-    high (..., 3), are parallel: atan2(e . (e x h) x (e x k), (e x h) . (e x k)) (thesis 5.8)."""
-    one, other = np.cross(e, low), np.cross(e, high)
-    return np.asarray(np.arctan2((e * np.cross(one, other)).sum(axis=-1), (one * other).sum(axis=-1)))
+def hooke_joints(robot: Parallel, limits: Limits) -> HookeJoints | None:
+    """Return the Hooke joints of the struts with their limits, numbered among the legs that reach from the base to the platform."""
+    spanned = [leg for leg in robot.legs if leg.kind not in ("plane", "way")]
+    at = [i for i, leg in enumerate(spanned) if leg.kind == "strut" and leg.carried is not None]
+    if not at:
+        return None
+    axes = np.array([spanned[i].carried for i in at])
+    most = (None if v is None else float(np.radians(v)) for v in (limits.leg_turn_deg, limits.hooke_deg))
+    return HookeJoints(at, axes[:, 0], axes[:, 1], *most)
 
 
 def _hooked(robot: Parallel, limits: Limits, directions: FloatArray, poses: FloatArray) -> BoolArray:
     """(N,) whether struts between Hooke joints keep their limits; directions (N, k, 3) of the legs that have one."""
-    kept = np.ones(len(poses), np.bool_)
-    if limits.leg_turn_deg is None and limits.hooke_deg is None:
-        return kept
-    turn = se3.matrices(poses)
-    spanned = [leg for leg in robot.legs if leg.kind not in ("plane", "way")]
-    for e, leg in zip(np.moveaxis(directions, 1, 0), spanned, strict=True):
-        if leg.kind != "strut" or leg.carried is None:
-            continue
-        low, high = leg.carried[0], turn @ leg.carried[1]
-        if limits.leg_turn_deg is not None:
-            kept &= np.degrees(np.abs(hooke_turns(e, low, high))) <= limits.leg_turn_deg + 1e-9
-        if limits.hooke_deg is not None:
-            sines = np.abs(np.stack([e @ low, (e * high).sum(axis=1)]))
-            kept &= np.degrees(np.arcsin(np.minimum(sines, 1.0))).max(axis=0) <= limits.hooke_deg + 1e-9
-    return kept
+    joints = hooke_joints(robot, limits)
+    if joints is None:
+        return np.ones(len(poses), np.bool_)
+    return np.asarray((joints.values(directions, se3.matrices(poses)) >= -1e-9).all(axis=1))
+
+
+def _output(rows: Rows, poses: FloatArray) -> FloatArray:
+    """(N, 6, 6) rows by displacements of the platform's origin."""
+    return np.concatenate([np.cross(rows.places - poses[:, None, :3], rows.directions), rows.directions], axis=-1)
+
+
+@dataclass(frozen=True)
+class PathLimits:
+    """Limits of a mechanism with six joints as smooth functions of its pose, positive where they are kept: what a path is led around."""
+
+    robot: Parallel
+    limits: Limits
+
+    @property
+    def base(self) -> FloatArray:
+        """(m, 3) lower ends of the legs at home."""
+        rows = self.robot.rows(self.robot.home[None], self.robot.home_joints[None])
+        return np.asarray((rows.places - rows.spans)[0])
+
+    @property
+    def body(self) -> FloatArray:
+        """(m, 3) points of the platform."""
+        return np.array([leg.point for leg in self.robot.legs])
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of the limits, in the order of `values`."""
+        at_home = self._parts(self.robot.home[None], self.robot.home_joints[None])
+        return tuple(name for name, part in at_home for _ in range(part.shape[1]))
+
+    @cached_property
+    def _side(self) -> float:
+        """The determinant's sign at home."""
+        return float(
+            np.sign(np.linalg.det(_output(self.robot.rows(self.robot.home[None], self.robot.home_joints[None]), self.robot.home[None]))[0])
+        )
+
+    def values(self, poses: FloatArray) -> FloatArray:
+        """(..., k) at poses (..., 7); NaN where a leg does not reach."""
+        flat = poses.reshape(-1, 7)
+        drives = own_roots(self.robot, flat)
+        reached = np.isfinite(drives).all(axis=1)
+        out = np.full((len(flat), len(self.names)), np.nan)
+        if reached.any():
+            out[reached] = np.concatenate([part for _, part in self._parts(flat[reached], drives[reached])], axis=1)
+        return out.reshape(*poses.shape[:-1], -1)
+
+    def _parts(self, poses: FloatArray, drives: FloatArray) -> list[tuple[str, FloatArray]]:
+        """Names with values (N, j) each, at poses (N, 7) and drives (N, n)."""
+        robot, limits = self.robot, self.limits
+        low, high = robot.limits
+        rows = robot.rows(poses, drives)
+        first = np.flatnonzero(np.append(True, robot.owners[1:] != robot.owners[:-1]))
+        spans = rows.spans[:, first]
+        e, turn = spans / np.linalg.norm(spans, axis=-1, keepdims=True), se3.matrices(poses)
+        output = _output(rows, poses)
+        near = np.sign(np.linalg.det(output)) * self._side * nearness(output, robot.units) - limits.singular
+        out = [("joints", (drives - low) / (high - low)), ("joints", (high - drives) / (high - low)), ("regular", near[:, None])]
+        for name, axis, most in (
+            ("base_cone", np.broadcast_to([0.0, 0.0, 1.0], turn[:, :, 2].shape), limits.base_cone_deg),
+            ("platform_cone", turn[:, :, 2], limits.platform_cone_deg),
+        ):
+            if most is not None:
+                out.append((name, np.einsum("nic,nc->ni", e, axis) - np.cos(np.radians(most))))
+        gaps = _gap_angles(robot, drives)
+        if gaps is not None and limits.least_gap_deg is not None:
+            out.append(("gaps", np.radians(gaps - limits.least_gap_deg)))
+        if gaps is not None and limits.most_gap_deg is not None:
+            out.append(("gaps", np.radians(limits.most_gap_deg - gaps)))
+        joints = hooke_joints(robot, limits)
+        if joints is not None:
+            out.append(("hooke", joints.values(e, turn)))
+        if limits.mass_mm is not None:
+            mass = se3.apply(poses, np.tile(limits.mass_mm, (len(poses), 1)))
+            out.append(("stands", _over(rows.places[:, first] - spans, mass) / robot.size_mm))
+        return out
 
 
 def _gaps(robot: Parallel, limits: Limits, drives: FloatArray) -> BoolArray:
-    """Carriages one after the other round the guide, in the order in which they stand at home, however the legs are listed."""
-    first = np.cumsum([0, *(len(leg.of.drives) for leg in robot.legs)])
-    at = [int(j) for j, leg in zip(first, robot.legs, strict=False) if leg.kind in RING]
-    if len(at) < 2 or (limits.least_gap_deg is None and limits.most_gap_deg is None):
+    """(N,) whether carriages keep their gaps."""
+    gap = _gap_angles(robot, drives)
+    if gap is None or (limits.least_gap_deg is None and limits.most_gap_deg is None):
         return np.ones(len(drives), np.bool_)
-    zero = np.array([leg.values[2] for leg in robot.legs if leg.kind in RING])
-    order = np.argsort(np.mod(robot.home_joints[at] + zero, 2.0 * np.pi))
-    angles = (drives[:, at] + zero)[:, order]
-    gap = np.degrees(np.mod(np.roll(angles, -1, axis=1) - angles, 2.0 * np.pi))
     least, most = limits.least_gap_deg or 0.0, 360.0 if limits.most_gap_deg is None else limits.most_gap_deg
     # once round the guide: who has passed a neighbour goes round twice and more
     kept = (gap >= least - 1e-9) & (gap <= most + 1e-9)
     return np.asarray(kept.all(axis=1) & (gap.sum(axis=1) < 540.0))
+
+
+def _gap_angles(robot: Parallel, drives: FloatArray) -> FloatArray | None:
+    """(N, k) [deg] from each carriage to the next round the guide, in the order in which they stand at home, however the legs are listed;
+    None of fewer than two."""
+    first = np.cumsum([0, *(len(leg.of.drives) for leg in robot.legs)])
+    at = [int(j) for j, leg in zip(first, robot.legs, strict=False) if leg.kind in RING]
+    if len(at) < 2:
+        return None
+    zero = np.array([leg.values[2] for leg in robot.legs if leg.kind in RING])
+    order = np.argsort(np.mod(robot.home_joints[at] + zero, 2.0 * np.pi))
+    angles = (drives[:, at] + zero)[:, order]
+    return np.degrees(np.mod(np.roll(angles, -1, axis=1) - angles, 2.0 * np.pi))

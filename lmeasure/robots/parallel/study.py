@@ -15,7 +15,7 @@ from lmeasure.robots.model import joint_columns
 from lmeasure.robots.parallel.completion import KINDS as COMPLETED, completed
 from lmeasure.robots.parallel.file import ParallelFile
 from lmeasure.robots.parallel.jacobians import Jacobians, Singular, nearness, singular, velocities
-from lmeasure.robots.parallel.limits import Checks, checked, hooke_turns, own_roots, ranges
+from lmeasure.robots.parallel.limits import Checks, checked, hooke_joints, own_roots, ranges
 from lmeasure.robots.parallel.model import COMPONENTS, EQUATIONS
 from lmeasure.text import message
 
@@ -313,14 +313,18 @@ def _ended_by(file: ParallelFile, found: Workspace, orientation: FloatArray) -> 
 
 
 def leg_turns(file: ParallelFile, pose: FloatArray) -> dict[str, float]:
-    """[deg] by which legs between Hooke joints turn about themselves at a pose (7,), signed: `limits.hooke_turns`."""
-    out = {}
-    for leg in file.model.legs:
-        if leg.kind == "strut" and leg.carried is not None:
-            away = se3.apply(pose, leg.point) - leg.values[:3]
-            e = away / np.linalg.norm(away)
-            out[leg.name] = float(np.degrees(hooke_turns(e, leg.carried[0], se3.matrices(pose) @ leg.carried[1])))
-    return out
+    """[deg] by which legs between Hooke joints turn about themselves at a pose (7,), signed."""
+    robot = file.model
+    joints = hooke_joints(robot, file.limits)
+    if joints is None:
+        return {}
+    spanned = [leg for leg in robot.legs if leg.kind not in ("plane", "way")]
+    struts = [spanned[i] for i in joints.legs]
+    away = np.array([se3.apply(pose, leg.point) - leg.values[:3] for leg in struts])
+    e = np.zeros((len(spanned), 3))
+    e[list(joints.legs)] = away / np.linalg.norm(away, axis=1, keepdims=True)
+    turns = joints.turns(e, se3.matrices(pose[None])[0])
+    return {leg.name: float(np.degrees(turn)) for leg, turn in zip(struts, turns, strict=True)}
 
 
 def at_poses(file: ParallelFile, poses: FloatArray, time_s: FloatArray | None = None) -> dict[str, FloatArray]:
