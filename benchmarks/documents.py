@@ -22,7 +22,7 @@ from lmeasure.cli.app import app
 from lmeasure.core import se3
 from lmeasure.linkages import Bounds, Tetrahedron, adjusted, detour, singularity, somov_malyshev, structures
 from lmeasure.linkages.flat_tetrahedra import bands, safe_band
-from lmeasure.robots import PlatformFile, any_shipped, misses
+from lmeasure.robots import ParallelFile, PlatformFile, any_shipped, misses
 
 PAGE = Path(__file__).parents[1] / "docs" / "documents.md"
 HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
@@ -247,6 +247,56 @@ def synthesis() -> str:
     return f"{found['largest_miss_mm']:.5f} by least squares, {found['largest_miss_minimax_mm']:.5f} by minimax"
 
 
+def table_5_1() -> str:
+    base = [(3, -4.5, 0), (4, -0.5, 0), (2, -1.5, 0), (3, 1, 0), (2, 1, 0), (0, -2, 0)]
+    path = structure(base, [(3, -3, 3), (2, 1, 3), (0, -2, 3)], [(1, 1), (2, 1), (3, 1), (4, 2), (5, 2), (6, 3)])
+    return ", ".join(f"{v:.1f}" for v in run("structure", path, "--position-mm", "0,0,0")["pressure_angles_deg"])
+
+
+def inverse_of_chains() -> str:
+    file = any_shipped("three-prr")
+    assert isinstance(file, ParallelFile)
+    robot = file.model
+    joints = robot.inverse(robot.home)[0]
+    return f"forward of the inverse: {np.abs(robot.forward(joints[None])[0] - robot.home).max():.0e} mm"
+
+
+def mobility(name: str) -> str:
+    own = run("mechanism", name)["mobility"]
+    pairs = ", ".join(f"{k} = {v}" for k, v in own["pairs"].items() if v)
+    return f"{own['bodies']} bodies, {pairs}: W = {own['freedoms']} + {own['rods_turn']}"
+
+
+def four_chains() -> str:
+    text = 'schema = "lmeasure.robot/1"\nname = "four"\nkind = "parallel"\nhome = { position_mm = [0.0, 0.0, 172.0] }\n'
+    rod = float(1e3 * np.hypot(np.sqrt(8.0) - 2.0, 0.172))
+    slide = 'type = "radial"\nslide_min_mm = 1.0\nslide_max_mm = 3000.0\n'
+    for i, (x, y, kind) in enumerate(
+        (
+            (1e3, 2e3, slide),
+            (-1e3, 2e3, slide),
+            *((x, -2e3, f'type = "carriage"\nrod_mm = {rod}\nelbow = {e}\n') for x, e in ((-1e3, 2), (1e3, 1))),
+        ),
+        1,
+    ):
+        text += f'[[leg]]\nname = "leg_{i}"\nplatform_mm = [{x}, {y}, 0.0]\nring_mm = 3000.0\nmin_deg = -400.0\nmax_deg = 800.0\n{kind}'
+    path = FOLDER / "four.toml"
+    path.write_text(text, encoding="utf-8")
+    joints = run("mechanism", path)["joints"]
+    turns = [f"{np.radians(v) % (2.0 * np.pi):.4f}" for k, v in joints.items() if k.endswith("_deg")]
+    return ", ".join([*turns, *(f"{v / 1e3:.4f}" for k, v in joints.items() if k.endswith("_slide_mm"))][:5])
+
+
+def wrenches() -> str:
+    a, b, c, d, e = 0.638, 0.7701, 2.1781, 0.2715, 0.7947
+    rows = [
+        [0, a, b, -c, b, -a], [0, a, b, -c, -b, a], [-d, -0.543, e, 2.1323, -1.0661, 0], [0.8944, -0.4472, 0, 0.4472, 0.8944, -2.2361],
+        [d, -0.543, e, 2.1323, 1.0661, 0], [0.8944, 0.4472, 0, -0.4472, 0.8944, -2.2361],
+    ]  # fmt: skip
+    return f"{np.linalg.det(rows):.3f}"
+
+
+EX4 = [(0, 0, 0), (1, 0, 0), (0, 3, 0), (0, 2, 0), (3, 0, 0), (2, 1, 0)]
 ROWS = (
     Row(
         "thesis 1",
@@ -306,7 +356,7 @@ ROWS = (
         "thesis 4.5",
         "extra drive of chain 6 at the base",
         "`structure --singular`",
-        "-0.625",
+        "-",
         lambda: next(
             f"{one['drives'][0]['rates'][0]:.3f}" for one in singular_columns()["extra_drives"] if one["drives"][0]["link"] == "link 6"
         ),
@@ -335,6 +385,15 @@ ROWS = (
         ),
     ),
     Row(
+        "thesis 4.6",
+        "gradient twist, example 4",
+        "`gradients`",
+        "along (0, 0, 1; 0, 1.333, 0)",
+        lambda: gradient(EX4, [(1, 0, 2), (1, 0, 2), (1, 0, 3), (1, 0, 3), (2, 0, 2), (2, 0, 2)]),
+        "corrected: the points are those of its matrix",
+    ),
+    Row("thesis 5.1", "table 5.1, pressure angles", "`structure --position-mm`", "36.7, 57.2, 61.2, 72.1, 72, 0", table_5_1),
+    Row(
         "thesis 5.1",
         "pressure angles at a singular pose",
         "`structure --position-mm`",
@@ -343,6 +402,16 @@ ROWS = (
     ),
     Row("thesis 5.2", "corrected path", "`detour`, `program --correct`", "least determinant 0.0207", led, "corrected: the interval"),
     Row("thesis 5.3", "boundary of the workspace", "`structure --boundary xz`", "closed", edge, "corrected: open without 84 degrees"),
+    Row("thesis 5.4", "instrument of drums, pulleys and encoders", "`rig.toml`, `import`", "-", lambda: "see published-rig.md"),
+    Row("thesis 5.5", "points of the base from counts", "`calibrate`", "-", lambda: "see published-rig.md"),
+    Row("thesis 5.6", "trajectory from counts", "`reconstruct`", "-", lambda: "see published-rig.md"),
+    Row(
+        "thesis 5.7",
+        "limit of the pressure angle for 0.05 mm",
+        "`zone --limit-deg`",
+        "60 degrees",
+        lambda: f"{np.degrees(np.arccos(0.025 / 0.05)):.1f} degrees",
+    ),
     Row("thesis 5.8", "turn of a leg on Hooke joints", "`mechanism logos`", "16.555 degrees", hooke),
     Row(
         "thesis, conclusion",
@@ -351,6 +420,7 @@ ROWS = (
         "-",
         lambda: "see singular_motions.md",
     ),
+    Row("001, 3", "PRR chains: inverse problem, equation (4)", "`mechanism three-prr`", "-", inverse_of_chains, "corrected: a minus of b"),
     Row(
         "001, 4",
         "PRR chains: area of the workspace",
@@ -360,6 +430,8 @@ ROWS = (
             run("mechanism", "three-prr", "--x=-250:250:5", "--y=-250:250:5", "--z=0:0:1")["workspace"]["area_mm2"]
         ),
     ),
+    Row("002, 2.1", "mobility with slides", "`mechanism four-chains`", "W = 6", lambda: mobility("four-chains")),
+    Row("002, 2.2", "mobility with arms", "`mechanism four-chains-arms`", "W = 6", lambda: mobility("four-chains-arms")),
     Row(
         "002, 3.1",
         "workspace of the rotopod, six coordinates",
@@ -382,9 +454,19 @@ ROWS = (
         rotopod,
         "corrected: r and ten entries",
     ),
+    Row(
+        "002, 4.2",
+        "joint values of four chains",
+        "`mechanism`",
+        "1.107, 2.034, 4.373, 5.052, 0.783",
+        four_chains,
+        "corrected: rods of 0.8461",
+    ),
+    Row("002, 5.1", "determinant of six wrenches", "numpy", "-3.945", wrenches, "corrected: a sign of row four"),
     Row("002, 5.2", "vibration", "`motion`", "18.8 Hz, 25 Hz", lambda: "spectrum of a recorded run", "same; no record in print"),
     Row("002, 5.3", "steps of 1.8 ± 0.09 degrees", "`resolution_deg` in robot.toml", "-", lambda: "U95 of the pose"),
-    Row("003, 1 to 3", "forward solution; workspace by drives", "`mechanism crank-platform --drives`", "-", cranks, "corrected: C3, b6"),
+    Row("003, 1", "inverse problem of the cranks", "`mechanism crank-platform`", "-", lambda: mobility("crank-platform")),
+    Row("003, 2, 3", "forward solution; workspace by drives", "`mechanism crank-platform --drives`", "-", cranks, "corrected: C3, b6"),
     Row("004, table 2", "half ranges of five links", "`misses`", "0.0010, 0.0005, 0.0016, 0.0008, 0.0006", table_2, "corrected: l5"),
     Row("004, 7 to 10", "synthesis with the turn free", "`dyads --free point-on-a-line`", "0.0016", synthesis),
     Row("004, 6", "positions that five links take exactly", "N (n S - m) <= n k - m", "8", lambda: str((5 * 7 - 1) // (5 - 1))),
@@ -416,7 +498,7 @@ Use this page to find the command for a section of the source documents, and to 
 
 The pages on [structures](structures.md), [assembly modes](assemblies.md), [singular poses](singularities.md), [lengths](free-lengths.md),
 [workspaces](workspaces.md), [mechanisms](mechanisms.md) and [the published rig](published-rig.md) list every misprint. The published rig
-has sections 5.4 to 5.7.
+has sections 5.4 to 5.7. Chapter 1 of the thesis and of 002 is a review, and 5.3.2 of 002 is on hardware. They have nothing to compute.
 """
     path = asked.out or PAGE
     if asked.write or asked.out:

@@ -23,6 +23,8 @@ FREEDOMS = 6
 LEAST_RANK = 3
 STEPS = 100
 NO_PART = 1e-9
+CUSP = 0.05
+"""Of the sum of the curvature's parts: below it other assembly modes are so near that the signs hold for tiny changes only."""
 SETS = 20
 """Sets of several extra drives that are listed."""
 
@@ -81,7 +83,7 @@ def lost_twists(base: FloatArray, body: FloatArray, pose: FloatArray) -> FloatAr
 
 def leading_out(base: FloatArray, body: FloatArray, pose: FloatArray, rates: FloatArray | None = None) -> IntArray | None:
     """(m,) of six links at a pose (7,) of rank 5: 1 where lengthening it leads out and shortening it jams, -1 the other way round, 0 where
-    first order does not decide. None of another rank, or where curvature does not decide. rates (m, m): of the links by drives, which take
+    first order does not decide. None of another rank, and near a cusp. rates (m, m): of the links by drives, which take
     the links' place."""
     M, lengths, points = link_rows(base, body, pose)
     if _rank(M) != FREEDOMS - 1:
@@ -90,7 +92,7 @@ def leading_out(base: FloatArray, body: FloatArray, pose: FloatArray, rates: Flo
     a, e = twist[3:] + np.cross(twist[:3], points), M[:, :3]
     parts = u * (((a**2).sum(axis=1) - (a * e).sum(axis=1) ** 2) / lengths + (np.cross(twist[:3], a) * e).sum(axis=1))
     bend = float(parts.sum())
-    if abs(bend) <= 1e-9 * float(np.abs(parts).sum()):
+    if abs(bend) <= CUSP * float(np.abs(parts).sum()):
         return None
     u = u if rates is None else u @ rates
     return np.where(np.abs(u) > 1e-6 * np.abs(u).max(), np.sign(u) * np.sign(bend), 0.0).astype(np.int64)
