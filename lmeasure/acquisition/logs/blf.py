@@ -1,4 +1,4 @@
-"""BLF logs: the containers by the standard library's zlib, a few ahead in threads, their objects by a compiled scan.
+"""BLF logs: the containers by Intel's ISA-L, two to three times as fast as zlib, a few ahead in threads, their objects by a compiled scan.
 
 Objects that are in the file itself, outside containers, are read in the same manner. Every object is a frame, of a kind that binlog.h
 names, or unread; their number is compared with the one that the file header states.
@@ -6,7 +6,6 @@ names, or unread; their number is compared with the one that the file header sta
 
 import itertools
 import struct
-import zlib
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
+from isal import isal_zlib
 
 from lmeasure.acquisition.bus.frames import CLASSIC_BYTES, FD_BYTES, Frames, join
 from lmeasure.acquisition.logs.report import BLOCK_BYTES, Channels, LogFormat, LogReport, frames_of, new_columns, read_some
@@ -159,7 +159,7 @@ def _header(path: Path, file: BinaryIO, report: LogReport) -> tuple[float, int]:
 
 
 def _pieces(file: BinaryIO, report: LogReport) -> Iterator[tuple[bool, bytes]]:
-    """Contents of the log containers (True), unpacked ahead by threads (zlib releases the interpreter's lock), and objects outside."""
+    """Contents of the log containers (True), unpacked ahead by threads (ISA-L releases the interpreter's lock), and objects outside."""
     with ThreadPoolExecutor(max_workers=2) as pool:
         pending: deque[Future[tuple[bytes, bool]] | bytes] = deque()
         bodies = _bodies(file, report)
@@ -174,7 +174,7 @@ def _pieces(file: BinaryIO, report: LogReport) -> Iterator[tuple[bool, bytes]]:
                 continue
             try:
                 content, whole = first.result()
-            except (zlib.error, ValueError) as error:
+            except (isal_zlib.IsalError, ValueError) as error:  # type: ignore[misc]
                 report.ended_early = message("log.container_packed", error=error)
                 return
             yield True, content
@@ -233,7 +233,7 @@ def _unpack(method: int, body: bytes) -> tuple[bytes, bool]:
 
     if method == can.io.blf.NO_COMPRESSION:
         return body, True
-    inflate = zlib.decompressobj()
+    inflate = isal_zlib.decompressobj()
     data = inflate.decompress(body, LARGEST_CONTAINER)
     if inflate.unconsumed_tail:
         raise ValueError(message("log.container_grows", bytes=LARGEST_CONTAINER))
