@@ -143,7 +143,7 @@ from .spline import (
     variances_of_differences as variances_of_differences,
 )
 from .travel import last_travel as last_travel
-from .uncompiled import is_kept as is_kept, tile as tile, used as used, wanted as wanted
+from .uncompiled import tile as tile, used as used, wanted as wanted
 from .zone import (
     CANNOT_RUN as CANNOT_RUN,
     CLEARANCE as CLEARANCE,

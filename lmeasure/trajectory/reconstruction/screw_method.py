@@ -7,7 +7,6 @@ converges, keeps the side of the start and stays below 75 degrees of pressure an
 go sample by sample and know every status.
 """
 
-import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -28,7 +27,6 @@ from lmeasure.kernels import (
     follow_lanes,
     follow_least_squares,
     follow_redundant_lanes,
-    is_kept,
     resume_screw,
 )
 from lmeasure.linkages import Split, pressure_angles
@@ -338,9 +336,7 @@ class Reconstruction:
     def _next(self, state: FloatArray, changes: FloatArray, flags: IntArray, *, by_kernels: bool) -> tuple[tuple[Any, ...], bool]:
         """Follow the next samples, and whether by the compiled kernels: not as long as they are few and plain."""
         rows, start = self.model.scheme.rows, self.model.zero_pose
-        # where numba is loaded already, kept code is sooner
-        ready = "numba" in sys.modules and is_kept(resume_screw.py_func)
-        if self.model.scheme.six and not (by_kernels or ready) and len(changes) < COMPILING_PAYS:
+        if self.model.scheme.six and not by_kernels and len(changes) < COMPILING_PAYS:
             found = follow_together(rows, start, state, changes, flags=flags)
             if found is not None:
                 return found, False
