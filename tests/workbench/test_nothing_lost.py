@@ -37,6 +37,6 @@ def test_of_two_tabs_the_second_does_not_write_over_the_first(tmp_path: Path) ->
         assert asked.post("/rig", data=first).status_code == 303
         second = asked.post("/rig", data=first | {"observation_point.0.position_mm.0": "222"})
         assert second.status_code == 422
-        assert "was changed meanwhile" in second.text
+        assert "has been changed by another program" in second.text
         assert 'value="222"' in second.text
     assert read_rig(tmp_path / "rig.toml").observation_point[0].position_mm[0] == 111.0

@@ -87,7 +87,7 @@ def test_all_complaints_come_at_once_and_nothing_is_written(path: Path) -> None:
 def test_a_file_that_somebody_changed_meanwhile_is_not_written_over(path: Path) -> None:
     form = typed(path, observation_point__0__position_mm__0="1.0")
     path.write_text(path.read_text() + "\n# by hand\n")
-    assert "changed meanwhile" in rig_form.save(path, form)[0]
+    assert "has been changed by another program" in rig_form.save(path, form)[0]
     assert "# by hand" in path.read_text()
 
 
