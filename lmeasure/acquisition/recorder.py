@@ -60,9 +60,10 @@ def candump_lines(frames: Frames) -> bytes:
 def count_lines(samples: Samples, origin_s: float) -> bytes:
     """Samples as lines of a counts file; an empty cell where there is no count."""
     times = np.round(samples.time_s - origin_s, 6).tolist()
-    own, at_s = (samples.recorded, None) if samples.frames is None else samples.frames
-    columns = [own, *(extra[:, None] for extra in (samples.start_input, samples.u_time_s) if extra is not None)]
-    columns += [] if at_s is None else [np.round(at_s - origin_s, 6)]
+    columns = [samples.recorded, *(extra[:, None] for extra in (samples.start_input, samples.u_time_s) if extra is not None)]
+    if samples.frames is not None:
+        own, at_s = samples.frames
+        columns += [np.round(at_s - origin_s, 6), own]
     rows = np.hstack(columns).tolist()
     return "".join(f"{t!r}," + ",".join(map(_cell, row)) + "\n" for t, row in zip(times, rows, strict=True)).encode("ascii")
 
@@ -220,7 +221,7 @@ class _Writer:
             self._csv = self._begun(f"pass{passage}.csv")
             extra = ["sync"] * (rig.can_table.start_input is not None)
             if rig.can_table.timing == "free":
-                extra += ["u_time_s", *(f"{f.channel}_time_s" for f in fields)]
+                extra += ["u_time_s", *(f"{f.channel}{end}" for end in ("_time_s", "_frame") for f in fields)]
             self._csv.append((",".join(["time_s", *(f.channel for f in fields), *extra]) + "\n").encode())
             for name, content in beside.items():
                 files.write_bytes(self.folder / name, content)

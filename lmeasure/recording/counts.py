@@ -1,7 +1,7 @@
 """Recorded counts of one pass, and what a finite counter hides: wraps, jumps, gaps."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,8 @@ from lmeasure.text import message
 INFERRED_BITS = (16, 24, 32)
 STAMPS = "_time_s"
 """Behind the name of a channel: the column of its own times."""
+FRAMES = "_frame"
+"""Behind the name of a channel: the column of the counts that came at its own times."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -46,6 +48,8 @@ class Counts(Shown):
     """Number of the first sample in the file, for messages."""
     stamp_s: FloatArray | None = None
     """(n, m) times of each channel's own frames [s], increasing; None: the sample's time."""
+    frames: FloatArray | None = None
+    """(n, m) counts that came at `stamp_s`, where `recorded` is interpolated to `time_s`; None: `recorded` came then."""
 
     def about(self) -> dict[str, str]:
         """Samples and channels."""
@@ -111,9 +115,14 @@ class Counts(Shown):
             out["u_time_s"] = self.u_time_s
         if self.temperature_c is not None:
             out["temperature_c"] = self.temperature_c
-        if self.stamp_s is not None:
-            out |= {channel + STAMPS: self.stamp_s[:, i] for i, channel in enumerate(self.channels)}
+        for end, own in ((STAMPS, self.stamp_s), (FRAMES, self.frames)):
+            if own is not None:
+                out |= {channel + end: own[:, i] for i, channel in enumerate(self.channels)}
         return out
+
+    def by_frames(self) -> "Counts":
+        """Return the counts of the channels' own frames, each at its own time."""
+        return self if self.frames is None else replace(self, recorded=self.frames, frames=None)
 
 
 def read_counts(path: Path, *, torn: bool = False) -> Counts:
@@ -123,7 +132,7 @@ def read_counts(path: Path, *, torn: bool = False) -> Counts:
     ----------
     path
         .csv or .parquet with time_s, one column per channel, optional sync, u_time_s, temperature_c. Where channels were not read together,
-        columns CHANNEL_time_s have the times of their own frames.
+        columns CHANNEL_time_s have the times of their own frames, and CHANNEL_frame the counts then, if CHANNEL is interpolated to time_s.
     torn
         True accepts a file whose last row is incomplete, as after a power failure.
 
@@ -164,22 +173,25 @@ def read_counts_in_pieces(path: Path, progress: Callable[[int, int], None] | Non
 def _counts(table: files.Table) -> Counts:
     columns = table.columns
     named = set(columns)
-    channels = tuple(c for c in columns if c not in conventions.RESERVED_COLUMNS and not _is_stamp(c, named))
+    channels = tuple(c for c in columns if c not in conventions.RESERVED_COLUMNS and not _is_own(c, named))
     if not channels:
         raise FileFormatError(message("error.has_no_count_column", where=table.path, columns=", ".join(columns)))
-    stamps = tuple(c + STAMPS for c in channels if c + STAMPS in named)
-    if stamps and len(stamps) < len(channels):
-        lacks = next(c + STAMPS for c in channels if c + STAMPS not in stamps)
-        raise FileFormatError(message("counts.stamps_missing", where=table.path, column=lacks))
-    with table.every_fault(("time_s", "sync", "u_time_s", "temperature_c", *stamps), gaps=channels):
-        return _taken(table, channels, stamps)
+    stamps, frames = (tuple(c + end for c in channels if c + end in named) for end in (STAMPS, FRAMES))
+    for end, own in ((STAMPS, stamps or frames), (FRAMES, frames)):
+        lacks = [c + end for c in channels if c + end not in named] if own else []
+        if lacks:
+            raise FileFormatError(message("counts.stamps_missing", where=table.path, column=lacks[0]))
+    with table.every_fault(("time_s", "sync", "u_time_s", "temperature_c", *stamps), gaps=(*channels, *frames)):
+        return _taken(table, channels, stamps, frames)
 
 
-def _is_stamp(column: str, columns: Collection[str]) -> bool:
-    return column.endswith(STAMPS) and column.removesuffix(STAMPS) in columns
+def _is_own(column: str, columns: Collection[str]) -> bool:
+    stamped = column.endswith(STAMPS) and column.removesuffix(STAMPS) in columns
+    base = column.removesuffix(FRAMES)
+    return stamped or (base != column and base in columns and base + STAMPS in columns)
 
 
-def _taken(table: files.Table, channels: tuple[str, ...], stamps: tuple[str, ...]) -> Counts:
+def _taken(table: files.Table, channels: tuple[str, ...], stamps: tuple[str, ...], frames: tuple[str, ...]) -> Counts:
     path, sync = table.path, None
     if "sync" in table.columns:
         sync = table.numbers("sync")
@@ -196,8 +208,9 @@ def _taken(table: files.Table, channels: tuple[str, ...], stamps: tuple[str, ...
     warm = table.numbers("temperature_c") if "temperature_c" in table.columns else None
     if warm is not None:
         conventions.check_temperature(warm, f"{path}: column 'temperature_c'")
-    own = table.matrix(stamps) if stamps else None
-    return Counts(table.numbers("time_s"), channels, table.matrix(channels, gaps=True), sync, str(path), skew, warm, table.first, own)
+    own_s, own = table.matrix(stamps) if stamps else None, table.matrix(frames, gaps=True) if frames else None
+    recorded = table.matrix(channels, gaps=True)
+    return Counts(table.numbers("time_s"), channels, recorded, sync, str(path), skew, warm, table.first, own_s, own)
 
 
 def write_counts(path: Path, counts: Counts, metadata: Mapping[str, str] | None = None) -> None:

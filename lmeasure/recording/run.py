@@ -5,7 +5,7 @@ Its run.toml states how the passes were recorded too: whether the counts are tho
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -174,6 +174,10 @@ class Run(Shown):
 
     def __post_init__(self) -> None:
         _zero(self)
+
+    def by_frames(self) -> "Run":
+        """Return the run whose channels have the counts of their own frames, each at its own time."""
+        return self if all(one.frames is None for one in self.passes) else replace(self, passes=tuple(p.by_frames() for p in self.passes))
 
     def about(self) -> dict[str, str]:
         """Rig, samples, start, calibration."""

@@ -403,7 +403,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
         drum = run.rig.counter(c)
         state = None if counters is None else counters[j]
         column = counts.channels.index(c.channel) if c.channel in counts.channels else 0
-        at_s = counts.time_s if counts.stamp_s is None else np.ascontiguousarray(counts.stamp_s[:, column])
+        at_s = counts.time_s if counts.stamp_s is None or counts.frames is not None else np.ascontiguousarray(counts.stamp_s[:, column])
         # an absolute sensor without codes does not wrap
         fresh = np.zeros(STATE) if state is None and drum.absolute and drum.codes is None else state
         counter = unwrap(
@@ -439,7 +439,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     none, encoders = np.full(n, "", dtype=np.object_), m - len(run.rig.cable)
     whole = Lengths(time_s, cables, gone_on, gone_on, nothing, none, none, tuple(notes), u_time, warm, gone_on, encoders=encoders)
     whole = replace(whole, angles=tuple(not c.is_length for c in observed))
-    if run.passes[0].stamp_s is not None:
+    if run.passes[0].stamp_s is not None and run.passes[0].frames is None:
         whole = replace(whole, frames=frames)
     return with_reasons(run.rig, replace(whole, missed_mm=missed_mm if missed_mm.any() else None), tuple(reasons))
 

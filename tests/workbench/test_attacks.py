@@ -268,6 +268,6 @@ def test_files_that_stand_for_more_memory_than_there_is(asked: TestClient, proje
     # what no size tells: the process that reads has a bound, and is begun anew where it ends
     with pytest.raises(FileFormatError, match="needs more than 4096 MB"):
         worker.call(np.empty, (2**30,))  # type: ignore[arg-type]
-    with pytest.raises(FileFormatError, match="takes more than"):
+    with pytest.raises(FileFormatError, match="needs more than"):
         worker.call(os._exit, 1)  # type: ignore[arg-type]
     assert worker.call(len, "four") == 4  # type: ignore[arg-type]

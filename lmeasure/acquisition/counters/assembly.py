@@ -85,8 +85,10 @@ def counts_from_frames(
         wanted = composed("SYNC {sync_id:#x}", sync_id=table.sync_id) if table.timing == "sync" else own
         raise AcquisitionError(message("error.frames_but_no_among", where=source, frames=frames, wanted=wanted))
     channels = tuple(f.channel for f in fields)
-    recorded, stamp_s = (samples.recorded, None) if samples.frames is None else samples.frames
-    counts = Counts(samples.time_s, channels, recorded, samples.start_input, source, samples.u_time_s, stamp_s=stamp_s)
+    frame, stamp_s = samples.frames or (None, None)
+    counts = Counts(
+        samples.time_s, channels, samples.recorded, samples.start_input, source, samples.u_time_s, stamp_s=stamp_s, frames=frame
+    )
     marked = mark_stalls(rig, counts, assembler.events, passage)
     return Assembled(counts if marked is None else marked, assembler.events, frames)
 
@@ -101,7 +103,7 @@ def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1, *,
     given = counts
     # a swivel may well stand still while cables are moved
     own = [j for j, channel in enumerate(given.channels) if channel in drums]
-    counts = replace(given, channels=tuple(given.channels[j] for j in own), recorded=given.recorded[:, own])
+    counts = replace(given, channels=tuple(given.channels[j] for j in own), recorded=given.recorded[:, own], stamp_s=None, frames=None)
     if len(own) < 2:
         return None
     still = [rests(counts.time_s, column, STALL_S) for column in counts.recorded.T]
@@ -132,4 +134,5 @@ def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1, *,
         return None
     marked = given.recorded.copy()
     marked[:, own] = recorded
-    return replace(given, recorded=marked)
+    frames = None if given.frames is None else np.where(np.isnan(marked) & ~np.isnan(given.recorded), np.nan, given.frames)
+    return replace(given, recorded=marked, frames=frames)

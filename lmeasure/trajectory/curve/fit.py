@@ -436,6 +436,7 @@ def reconstruct_curve(
     spacing_s: of the knots, chosen by the readings where it is None; constraint, judge: as `reconstruct` has them. Raises what that
     raises, and TrajectoryError where there is no curve.
     """
+    run = replace(run, run=run.run.by_frames()) if isinstance(run, Alignment) else run.by_frames()
     aligned = align(run)
     first = aligned.run.passes[0]
     # channels whose clocks are off contradict each other at every sample, until the curve has found by how much

@@ -176,8 +176,10 @@ def reconstruct(
 def can_stream(head: RunHead) -> bool:
     """Whether the run can go through in pieces: one pass, a recording that was closed properly, channels that were read together, no limit
     that asks for later samples."""
-    if head.rig.passes == 1 and next(read_counts_in_pieces(head.counts[0])).stamp_s is not None:
-        return False  # a piece ends at another time for each channel
+    if head.rig.passes == 1:
+        first = next(read_counts_in_pieces(head.counts[0]))
+        if first.stamp_s is not None and first.frames is None:
+            return False  # a piece ends at another time for each channel
     limited = any(point.drum.max_cable_acceleration_mm_s2 is not None for point in head.rig.observation_point)
     return head.rig.passes == 1 and not head.torn[0] and not limited
 
