@@ -291,7 +291,7 @@ _KINDS: dict[type, Any] = {str: np.object_, int: np.int64, float: np.float64}
 # Between pyarrow and NumPy by their buffers: pyarrow's own conversions load pandas, a third of a second and 55 MB for nothing.
 def _arrow(values: Any, *, in_csv: bool) -> pa.Array:
     if isinstance(values, list):
-        kinds = set(map(type, values))
+        kinds = {str if issubclass(kind, str) else kind for kind in set(map(type, values))}
         kind = _KINDS.get(kinds.pop()) if len(kinds) == 1 else None
         if kind is None:
             return pa.array(values)

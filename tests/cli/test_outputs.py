@@ -150,7 +150,7 @@ def test_a_recording_is_never_replaced(name: str, desk: Path) -> None:
         for word in ((), ("--force",)):
             code, said = run(*line.split(), *word)
             assert (code, said.partition(":")[0]) == (2, "out/recorded/run.toml")
-            assert "not even with --force: give --out another folder" in said
+            assert "not even with --force. Give --out another folder" in said
         for words in ("simulate scenario.toml --out out/recorded", f"{SHORT['import'].partition(' --out')[0]} --out out/recorded"):
             code, said = run(*words.split(), "--force")
             assert code == 2

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from lmeasure.core import se3
 from lmeasure.kernels import layout
@@ -142,7 +143,14 @@ def test_a_point_without_a_pulley_has_only_its_drum() -> None:
     rows, counts = rows_of(at.kernel), at.recorded / SCALES
     k, k0, turn = counts[:, 1], at.zeroed[1] / SCALES[1], 5000.0
     straight = np.linalg.norm(se3.apply(at.zero[1], rows[1, layout.ATTACHMENT_XYZ]) - rows[1, layout.BASE_XYZ])
-    begun = 2.0 * np.pi * (straight - 1100.0) / (0.015 * turn)
+
+    # the drum stands at phase 0 where 1100 mm are out, by its law of the cable paid out
+    def since_phase(at: float) -> float:
+        paid = [0.015 * count - np.hypot(180.0, -9.0 - 5.0 * count / turn) for count in (k0, at)]
+        return float(paid[0] - paid[1] - straight + 1100.0)
+
+    at_phase = brentq(since_phase, k0 - 1e6, k0 + 1e6, xtol=1e-9)
+    begun = 2.0 * np.pi * (k0 - at_phase) / turn
     angle = begun + 2.0 * np.pi * (k - k0) / turn
     r = np.sqrt((0.015 * turn) ** 2 - 5.0**2) / (2.0 * np.pi)
     longer = np.hypot(2.0 * np.pi * (r + 0.5 * over), 5.0) - 0.015 * turn
