@@ -86,7 +86,7 @@ def test_from_a_log_of_free_running_encoders_to_a_certificate(
     exact = re.sub(r"(count_sign = .*)", r"\1\nzero_exact = true", (TRUTH / "cell-run" / "rig.toml").read_text())
     rig.write_text(exact + table)
     command("import", str(log), "--rig", str(rig), "--out", run, "--position-mm", "0,0,0", "--quaternion-xyzw", "0,0,0,1")
-    counts = read_counts(tmp_path / "run" / "pass1.csv")
+    counts = read_counts(tmp_path / "run" / "pass1.csv").by_frames()
     assert counts.stamp_s is not None
     apart = counts.stamp_s + stamps[0] - np.array(stamps)
     apart = apart[np.isfinite(counts.recorded)]
