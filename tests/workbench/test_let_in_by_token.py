@@ -343,10 +343,18 @@ def words_of(process: Path) -> str:
         return ""
 
 
+def target_of(link: Path) -> str:
+    """What an open file is, which may be closed by now."""
+    try:
+        return str(link.readlink())
+    except OSError:
+        return ""
+
+
 def sockets_of(folder: Path) -> set[str]:
     """Where the server's own process listens, TCP and UDP, of either family."""
     server = next(entry for entry in Path("/proc").glob("[0-9]*") if f"workbench\0{folder}\0" in words_of(entry))
-    own = {str(link.readlink()).removeprefix("socket:[").rstrip("]") for link in (server / "fd").iterdir()}
+    own = {target_of(link).removeprefix("socket:[").rstrip("]") for link in (server / "fd").iterdir()}
     found = set()
     for kind, listening in (("tcp", "0A"), ("tcp6", "0A"), ("udp", "07"), ("udp6", "07")):
         path = server / "net" / kind
