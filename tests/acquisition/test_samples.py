@@ -152,6 +152,23 @@ def test_the_jitter_of_the_stamps_is_told() -> None:
     assert error_s.std() == pytest.approx(3e-4 * np.hypot(0.85, 0.15), rel=0.25)
 
 
+def test_a_stuck_channel_by_its_own_timer_has_no_frames_either() -> None:
+    rig = free_rig()
+    frames, _ = free_frames(rig)
+    own = (frames.identifier >> 8) & 0xFF == 3
+    late = own & (frames.time_s > 0.4)
+    data = frames.data.copy()
+    data[late] = data[np.flatnonzero(own & ~late)[-1]]
+    got = counts_from_frames(rig, [replace(frames, data=data)], counter_fields(rig))
+    counts = got.counts
+    assert counts.frames is not None
+    assert got.events.tally["stall"] == 1
+    stuck = np.isnan(counts.of("ch3"))
+    assert np.isnan(counts.frames[1:][stuck[1:], 2]).all()
+    assert stuck[50:].all()
+    assert np.isfinite(counts.frames[50:-2, [0, 1, 3, 4, 5]]).all()
+
+
 @pytest.mark.parametrize("tick_s", [0.004, 0.016, 0.020])
 def test_timers_behind_a_serial_adapter_make_no_jumps_and_their_uncertainty_is_told(tick_s: float) -> None:
     """Encoders that send every 10 ms, given over every 16 ms: most intervals are 0.02 or 16 ms, whose median deviation is nothing."""
