@@ -112,7 +112,8 @@ def captured(page: Page, *, reload_at: int) -> None:
             page.wait(f"document.getElementById('cell-at').textContent.includes({json.dumps(f' {asked.split()[-1]}:')})")
             goal = asked
             if read == 0:
-                stands = f"document.getElementById('cell-at')?.textContent.includes({json.dumps(f'stands at {asked.split()[-1]}:')})"
+                there = f"`${{document.getElementById('cell').dataset.stands}} {asked.split()[-1]}:`"
+                stands = f"document.getElementById('cell-at')?.textContent.includes({there})"
                 page.wait(f"{stands} && document.querySelector('#capture-lamp.still') !== null")
                 time.sleep(1.0)  # a person looks, and presses
                 page.click("[data-type='']:not([data-asked])")
