@@ -241,7 +241,7 @@ def test_an_hour_takes_little_memory() -> None:
     unwrap(recorded, t, max_rate=RATE, bits=32)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak < 4 * recorded.nbytes
+    assert peak < 4.5 * recorded.nbytes  # four arrays of as many numbers, and little beside
 
 
 def test_a_sync_that_is_high_from_the_start_did_not_rise() -> None:
