@@ -310,7 +310,7 @@ def _arrow(values: Any, *, in_csv: bool) -> pa.Array:
 
 
 def _texts(values: TextArray, in_csv: bool) -> pa.Array:
-    """Texts of which few are different: only CSV needs each of them written out, for which pyarrow loads its functions."""
+    """Return texts that repeat each other. Only CSV needs each one written out, for which pyarrow loads its functions."""
     places: dict[str, int] = {}
     if len(values) and bool((values == values[0]).all()):
         places[values[0]], codes = 0, np.zeros(len(values), np.int32)

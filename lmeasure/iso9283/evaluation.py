@@ -180,9 +180,9 @@ def largest_radius_95(errors: PoseErrors) -> float:
 
 SCHEMA = "lmeasure.certificate/1"
 HALF = 0.5
-"""Of a correction: its expanded uncertainty."""
+"""Expanded uncertainty of a correction, as a share of it."""
 NEGLIGIBLE = 1e-2
-"""Of U95: a contribution that a correction need not take into account."""
+"""Largest share of U95 from motion that the samples do not show, with which a bias is still corrected."""
 
 
 @dataclass(frozen=True)

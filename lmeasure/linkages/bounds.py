@@ -30,7 +30,8 @@ STEP = 1e-6  # of a displacement in units of the rim, for central differences
 
 
 Lines = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
-"""Of poses (..., 7): rows (..., m, 6), lengths (..., m) and places (..., m, 3) of the body's points, as of `singularity.link_rows`.
+"""Function of poses (..., 7) that gives rows (..., m, 6), lengths (..., m) and places (..., m, 3) of the body's points, as
+`singularity.link_rows` does.
 
 For links of rods, rates (..., m, 3, 6) of what their ends move by twists (omega; v) take the place of points."""
 
@@ -67,7 +68,7 @@ class Behind:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the body's limits."""
+        """Names of the body's limits."""
         return self.own.names
 
     def values(self, poses: FloatArray) -> FloatArray:

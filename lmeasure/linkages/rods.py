@@ -32,7 +32,7 @@ Point = tuple[float, float, float]
 BATCH, MOST, MET, STEPS = 300, 10, 4, 40
 """Starts of one batch, batches, how often each assembly mode must be met, and Newton's steps from a start."""
 DIFFERENCE = 1e-5
-"""Of a turn, and of the rim."""
+"""Step of difference quotients, as a share of a radian and of the rim."""
 CLOSES, SAME = 1e-10, 1e-6
 ROUNDING = 1e-12
 """In parts of the rig's size, or of a rod."""
@@ -91,7 +91,7 @@ class Placed(NamedTuple):
 
 @dataclass(frozen=True)
 class RodLinks:
-    """Links between ends of which some are far ends of rods; the first end of a link belongs to the base where that is possible."""
+    """Links whose ends may be the far ends of rods. The first end of a link belongs to the base where that is possible."""
 
     ends: Sequence[tuple[End, End]]
 

@@ -11,7 +11,7 @@ WAY, STEPS = 12, 8
 SINGULAR = 1e-9
 """Least singular value of the rows, lengths in parts of the platform's size, at which a pose is lost."""
 Rows = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-"""Of poses (N, 7): rows (N, m, 6) by twists (omega; v at the base's origin), and lengths (N, m)."""
+"""Function of poses (N, 7) that gives rows (N, m, 6) by twists (omega; v at the base's origin), and lengths (N, m)."""
 
 
 def driven(rows_of: Rows, poses: FloatArray, lengths: FloatArray, size_mm: float) -> tuple[FloatArray, BoolArray]:

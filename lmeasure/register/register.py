@@ -67,7 +67,7 @@ def _index_subjects_by_kind(connection: sa.Connection) -> None:
 
 
 STEPS: dict[int, Callable[[sa.Connection], None]] = {2: _index_subjects_by_kind}
-"""What brings a register from the version before to each version; rows stay as they are, so that the chain holds."""
+"""SQL statements that bring a register from the version before to each version. Rows do not change, so the chain still verifies."""
 
 
 class Subject(NamedTuple):

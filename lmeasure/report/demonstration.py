@@ -11,7 +11,7 @@ from lmeasure.report import figures, html
 from lmeasure.text import Message, Say
 
 HEIGHT_PX = 440
-"""Of every picture: two are side by side on a wide screen."""
+"""Height of every picture: two are side by side on a wide screen."""
 
 
 class Part(NamedTuple):

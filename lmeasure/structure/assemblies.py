@@ -75,7 +75,7 @@ def found_of(linkage: Linkage, lengths: FloatArray, within_mm: float = WITHIN_MM
 
 
 def _of_rods(rods: RodLinks, lengths: FloatArray) -> Found:
-    """Of straight links with the same poses, or by many starts where there are none."""
+    """Return the modes of straight links with the same poses, or modes found from many starts where there are no such links."""
     if rods.gauges is None:
         poses = rods.poses_of(lengths)
         return Found(poses, np.zeros(len(poses), dtype=np.bool_), np.zeros(len(poses)), NOT_PROVED, None, None)

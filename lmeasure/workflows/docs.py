@@ -12,11 +12,11 @@ from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.settings import BROWSER, Asked, option
 
 SOURCE = Path(__file__).parents[2] / "docs"
-"""Of a copy of the repository; an installed package has none."""
+"""Folder of the pages in a copy of the repository; an installed package has none."""
 
 
 class Settings(Asked):
-    """What `lmeasure docs` is asked."""
+    """Settings of `lmeasure docs`."""
 
     NEXT: ClassVar[str] = "demo"
     page: Annotated[

@@ -12,7 +12,7 @@ from lmeasure.workflows.settings import Asked
 
 
 class Settings(Asked):
-    """What `lmeasure warm` is asked."""
+    """Settings of `lmeasure warm`."""
 
     NEXT: ClassVar[str] = "demo"
 

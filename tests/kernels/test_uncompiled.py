@@ -12,7 +12,8 @@ from lmeasure.accuracy import axis, tilts
 from lmeasure.accuracy.limits import Body
 from lmeasure.accuracy.scan import run
 from lmeasure.accuracy.zone import make_plan
-from lmeasure.kernels import cable, counter, search, uncompiled, zone, zone_lanes
+from lmeasure.kernels import cable, compiled_at_once, counter, search, uncompiled, zone, zone_lanes
+from lmeasure.kernels.decorators import StrictKernel
 from lmeasure.rig import Rig
 
 BODIES = (
@@ -79,3 +80,17 @@ def test_a_call_that_takes_too_long_changes_nothing() -> None:
     with pytest.raises(uncompiled.TooLongError):
         uncompiled.call(counter.resume_counting, (recorded, recorded, 4e4, 0.0, state, 1e-3), -math.inf)
     assert not state.any()
+
+
+def _half(value: float) -> float:
+    return 0.5 * value
+
+
+def test_every_call_is_compiled_where_that_is_wanted() -> None:
+    half = StrictKernel(_half, kept=False)
+    with compiled_at_once():
+        assert half(3.0) == 1.5
+    assert "_half" not in uncompiled.used
+    assert len(half.dispatcher.signatures) == 1
+    assert StrictKernel(_half, kept=False)(3.0) == 1.5
+    assert "_half" in uncompiled.used

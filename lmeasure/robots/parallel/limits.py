@@ -188,7 +188,7 @@ class PathLimits:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of the limits, in the order of `values`."""
+        """Names of the limits, in the order of `values`."""
         at_home = self._parts(self.robot.home[None], self.robot.home_joints[None])
         return tuple(name for name, part in at_home for _ in range(part.shape[1]))
 

@@ -161,7 +161,7 @@ class Trajectory(Shown):
 
 
 class Summary:
-    """What is to be said of a trajectory that is given in pieces; first: number of its first sample in the run."""
+    """Return the notes on a trajectory that comes in pieces; first: number of its first sample in the run."""
 
     def __init__(self, first: int = 0) -> None:
         self.first, self.samples = first, 0

@@ -23,7 +23,7 @@ from lmeasure.trajectory.reconstruction.runs import Judge, Progress, StreamedRun
 from lmeasure.trajectory.reconstruction.screw_method import Place, Reconstruction
 
 PIECES = 64
-"""Of `PIECE_ROWS` samples, in a part: about a million samples."""
+"""Pieces of `PIECE_ROWS` samples in a part: about a million samples."""
 
 
 @dataclass(frozen=True)
