@@ -88,7 +88,7 @@ def command(name: str) -> Any:
 
 def _print(result: "Result[Any]", verbose: bool) -> None:
     """Print the summary and the next command; where they are verbose, all numbers and files too."""
-    for line in result.summary:
+    for line in (*result.summary, *(result.details if verbose else ())):
         typer.echo(rendered(line))
     for name, value in result.figures.items() if verbose else ():
         typer.echo(f"{name}: {value:.9g}")

@@ -157,6 +157,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Calibration]
         (*_lines(result.record), *compared, written),
         {p.name: p.value for p in result.record.parameters} | {"residual_rms_mm": result.record.noise["residual_rms_mm"]},
         tuple(f"{w.code}: {w.text}" for w in result.record.warnings),
+        details=_details(result.record),
     )
 
 
@@ -214,31 +215,17 @@ def _continued(settings: Settings, progress: Progress) -> "Result[Calibration]":
     write_rig(out / "rig.toml", found.rig)
     written = message("workflow.written_2", v0=out / "rig.toml", v1=out / "calibration.json", v2=out / "report.html")
     figures = {p.name: p.value for p in record.parameters}
-    return Result(result, (*_lines(record), written), figures, tuple(f"{w.code}: {w.text}" for w in record.warnings))
+    warnings = tuple(f"{w.code}: {w.text}" for w in record.warnings)
+    return Result(result, (*_lines(record), written), figures, warnings, details=_details(record))
 
 
 def _lines(record: "CalibrationRecord") -> list[str]:
-    """What a person reads of a record."""
-    lines = [f"{p.name:28s} {p.value:z14.4f}  u {p.u:.3g}" for p in record.parameters]
-    lines.append(message("workflows.equations_unknowns_rank", equations=record.equations, unknowns=record.unknowns, rank=record.rank))
-    lines.append(message("workflows.residuals_mm_rms", rms=record.noise["residual_rms_mm"]))
-    for e in record.effects:
-        verdict = message("workflow.found") if e.found else message("workflow.not_told") if e.bits < 1.0 else message("workflow.not_found")
-        reported = f"{e.value:.3g} {e.unit}".rstrip()
-        lines.append(
-            message(
-                "workflows.effect_u_p_bits",
-                effect=e.effect,
-                owner=e.owner,
-                size=reported,
-                u=e.u,
-                p=e.probability,
-                bits=e.bits,
-                verdict=verdict,
-            )
-        )
-    for e in record.predicted["lengths"]:
-        lines.append(message("workflows.predicted_over_workspace_cable", cable=e["cable"], rms=e["rms_mm"], worst=e["worst_mm"]))
+    """How good a calibration is, what it was checked by, and its warnings."""
+    lines: list[str] = []
+    if lengths := record.predicted["lengths"]:
+        rms, worst = [e["rms_mm"] for e in lengths], max(lengths, key=lambda e: e["worst_mm"])
+        spread = {"least": min(rms), "most": max(rms), "worst": worst["worst_mm"]}
+        lines.append(message("calibrated.lengths", **spread, cable=worst["cable"]))
     if "against_nominal" in record.validation:
         reported = record.validation["against_nominal"]
         lines.append(message("workflows.lengths_poses_left_out", rms=reported["rms_mm"], nominal=reported["nominal_mm"]))
@@ -246,4 +233,26 @@ def _lines(record: "CalibrationRecord") -> list[str]:
         reported = record.validation["held_out"]
         part = 100 * reported["within_95"]
         lines.append(message("workflow.held_out", rms=reported["rms_mm"], expected=reported["expected_mm"], part=part))
+    if points := [p for p in record.parameters if p.name.endswith(("x_mm", "y_mm", "z_mm"))]:
+        least, most = min(points, key=lambda p: p.u), max(points, key=lambda p: p.u)
+        name, number = most.name.removesuffix("_mm"), len(record.parameters)
+        lines.append(message("calibrated.points", least=least.u, most=most.u, name=name, parameters=number))
+    lines.append(message("workflows.residuals_mm_rms", rms=record.noise["residual_rms_mm"]))
+    lines.append(message("workflows.equations_unknowns_rank", equations=record.equations, unknowns=record.unknowns, rank=record.rank))
+    for e in record.effects:
+        verdict = message("workflow.found") if e.found else message("workflow.not_told") if e.bits < 1.0 else message("workflow.not_found")
+        size = f"{e.value:.3g} {e.unit}".rstrip()
+        effect = {"effect": e.effect, "owner": e.owner, "size": size, "u": e.u, "p": e.probability, "bits": e.bits, "verdict": verdict}
+        lines.append(message("workflows.effect_u_p_bits", **effect))
     return [*lines, *(message("line.warning", code=w.code, text=w.text) for w in record.warnings)]
+
+
+def _details(record: "CalibrationRecord") -> tuple[str, ...]:
+    """Return every parameter, and the predicted length of every cable."""
+    return (
+        *(f"{p.name:28s} {p.value:z14.4f}  u {p.u:.3g}" for p in record.parameters),
+        *(
+            message("workflows.predicted_over_workspace_cable", cable=e["cable"], rms=e["rms_mm"], worst=e["worst_mm"])
+            for e in record.predicted["lengths"]
+        ),
+    )

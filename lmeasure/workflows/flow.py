@@ -53,7 +53,7 @@ def steps(progress: Progress, text: str) -> Callable[[int, int], None]:
 class Result(Generic[Made]):
     """What a workflow gives: what was made, what a person is given of it, line by line, with figures by name and warnings for those who do
     not read lines, and the files written. failure: why what was made is not what was asked for, though it is kept; exit_code: as a
-    command's; next: the command to type next; page: a page to open."""
+    command's; next: the command to type next; page: a page to open; details: more lines, for those who ask for all."""
 
     made: Made
     summary: tuple[str, ...]
@@ -64,6 +64,7 @@ class Result(Generic[Made]):
     exit_code: int = 0
     next: str = ""
     page: Path | None = None
+    details: tuple[str, ...] = ()
 
 
 def workflow(work: Callable[Concatenate[Given, More], Result[Made]]) -> Callable[Concatenate[Given, More], Result[Made]]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from lmeasure.core import AccuracyError, SettingsError
 from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
-from lmeasure.workflows.settings import LANGUAGE, RERUN, Pair, Paths, Range, Recording, UnitQuaternion, Writing, option
+from lmeasure.workflows.settings import LANGUAGE, RERUN, Pair, Paths, Range, Recording, UnitQuaternion, Writing, option, then
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -167,7 +167,14 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
     if inside.any():
         u95 = data["u95_position_mm"].values[inside]
         figures |= {"least_u95_position_mm": float(u95.min()), "largest_u95_position_mm": float(u95.max())}
-    return Result(data, tuple(lines), figures)
+    return Result(data, tuple(lines), figures, next="" if inside.any() else _after_empty(settings))
+
+
+def _after_empty(settings: Settings) -> str:
+    """Return the command after a zone of no node: the same rig in a box of its own, or better places of its points."""
+    if None in (settings.x, settings.y, settings.z):
+        return then("place {rig} --task placement.toml --out placed", rig=settings.rig)
+    return then("zone {rig} --out {out}", rig=settings.rig, out=settings.out.with_stem(f"{settings.out.stem}-whole"))
 
 
 def _rotations(settings: Settings) -> "Rotation":
