@@ -14,8 +14,9 @@ Entities
 /residual_mm/<cable>, /worst_pressure_angle_deg, /u_position_mm, /u_rotation_rad, /counts/pass<n>/<channel>
 /calibration_residual_mm/<channel>   on the timeline `pose`
 /status (text log), /status_lane, /notes
+/<group>/<name>                 values of a command that is about no run, with their bands (`scene`); /world/commanded, /world/attained
 
-Timelines: `time` (seconds of the run) and `sample` (its row), or `pose` (number of the reference pose, from 1).
+Timelines: `time` (seconds of the run) and `sample` (its row), `pose` (number of the reference pose, from 1), or `row`.
 """
 
 import os

@@ -1,3 +1,4 @@
+from .scene import Series as Series, write_scene as write_scene
 from .stages import (
     growing_counts as growing_counts,
     streamed_recording as streamed_recording,

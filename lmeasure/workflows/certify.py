@@ -9,15 +9,18 @@ from lmeasure.workflows.flow import Progress, Result, inside, present, silent, s
 from lmeasure.workflows.settings import (
     COLUMNS,
     LANGUAGE,
+    RERUN,
     TRAJECTORY,
     U_POSITION,
     U_ROTATION,
     Paths,
     Point,
+    Recording,
     Writing,
     known_convention,
     option,
     refuse,
+    stated_beside,
 )
 
 CHOICES = "What is certified"
@@ -47,6 +50,7 @@ class Settings(Writing):
     xsd: Annotated[Path | None, option("Validate the DCC with this schema.", metavar="FILE.xsd")] = None
     tables: Annotated[bool, option("Also write certificate.xlsx (with formulas), .csv and .mat.")] = False
     zipped: Annotated[bool, option("Also write DIR.zip, and its digest next to it.", flag="--zip")] = False
+    rerun: Annotated[Recording | None, RERUN] = None
     full: Annotated[bool, option("Print all results, not only the main ones.")] = False
     align: Annotated[bool, option("Fit the program's frame to the attained poses.", panel=CHOICES)] = False
     tool_offset_mm: Annotated[Point, option("Point of the tool to certify.", metavar="X,Y,Z", panel=CHOICES)] = (0.0, 0.0, 0.0)
@@ -69,7 +73,7 @@ class Settings(Writing):
         folder, zipped = self.out, f"{self.out.resolve().name}.zip"
         packed = inside(folder.resolve().parent, zipped, f"{zipped}.sha256") if self.zipped else ()
         read = (self.trajectory, self.program, *present(self.details, self.key, self.xsd))
-        return Paths((*inside(folder, "manifest.json"), *packed), read)
+        return Paths((*inside(folder, "manifest.json"), *packed, *present(self.rerun)), read)
 
 
 @workflow
@@ -110,6 +114,8 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
         if settings.rig is not None:
             raise
         raise OtherTrajectoryError(message("error.if_it_was_reconstructed", error=error)) from None
+    if settings.rerun is not None:
+        _record(settings, settings.rerun, content)
     lines = [*(every_figure(content) if settings.full else ()), *headline(content, settings.out)]
     assumed = _assumed(content)
     notes = [*_strange(content), *(line.text(content["language"]) for line in assumed)]
@@ -117,6 +123,44 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     figures = _figures(content) | _assumed_figures(assumed)
     written = tuple(sorted(p for p in settings.out.rglob("*") if p.is_file()))
     return Result(content, tuple(lines), figures, tuple(notes), files=written)
+
+
+def _record(settings: Settings, path: Path, content: dict[str, Any]) -> None:
+    """Draw the commanded and attained poses, the trajectory, and the results of each pose with their U95."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from lmeasure.recording import read_program
+    from lmeasure.rig import read_linked_rig
+    from lmeasure.trajectory import read_trajectory
+    from lmeasure.view import Series, write_scene
+
+    program = read_program(settings.program)
+    trajectory = read_trajectory(settings.trajectory, replace(stated_beside(settings), likely=program.angles))
+    of_run = None if settings.run is None else settings.run / "rig.toml"
+    rig = settings.rig or of_run
+    points = [(a["pose"], a["mean_mm"]) for a in content["attained"]]
+    rows = {p.name: i for i, p in enumerate(program.pose)}
+    series: dict[tuple[str, str], Series] = {}
+    for name, unit in dict.fromkeys((c["name"], c["unit"]) for c in content["characteristics"] if c.get("pose") in rows):
+        table = np.full((2, len(rows)), np.nan)
+        for c in content["characteristics"]:
+            if c["name"] == name and c.get("pose") in rows:
+                table[:, rows[c["pose"]]] = np.array([c["value"], c["u95"]], dtype=np.float64)
+        stated = np.isfinite(table[1]).any()
+        group = f"{name.partition('_')[0]}_{unit.replace('/', '_').replace('%', 'percent')}"
+        series[group, name] = Series(table[0], table[1] if stated else None)
+    write_scene(
+        path,
+        content["id"],
+        rig=None if rig is None else read_linked_rig(rig)[0],
+        program=program,
+        points={"attained": ([name for name, _ in points], np.array([mm for _, mm in points]).reshape(-1, 3))},
+        moving=(trajectory.time_s, trajectory.poses),
+        series=series,
+        notes=content["notes"],
+    )
 
 
 TURNED_DEG = 90.0

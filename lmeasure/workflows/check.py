@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 from lmeasure.core import LMeasureError
 from lmeasure.text import joined, message
 from lmeasure.workflows.flow import Progress, Result, present, silent, workflow
-from lmeasure.workflows.settings import RIG, Paths, Writing, option, then
+from lmeasure.workflows.settings import RERUN, RIG, Paths, Recording, Writing, option, then
 
 if TYPE_CHECKING:
     from lmeasure.acquisition import Ask, Check
@@ -23,6 +23,7 @@ class Settings(Writing):
     write: Annotated[
         Path | None, option("Rig to write, with channels and signs as they are.", flag="--out", metavar="RIG.toml", also=("--write",))
     ] = None
+    rerun: Annotated[Recording | None, RERUN] = None
 
     def following(self) -> str:
         """Return the command that plans reference poses."""
@@ -30,7 +31,7 @@ class Settings(Writing):
 
     def paths(self) -> Paths:
         """A corrected rig, of a rig."""
-        return Paths(present(self.write), (self.rig,))
+        return Paths(present(self.write, self.rerun), (self.rig,))
 
 
 @workflow
@@ -53,6 +54,14 @@ def run(settings: Settings, progress: Progress = silent, *, ask: "Ask") -> "Resu
     finally:
         link.source.close()
     faults = result.all_faults
+    if settings.rerun is not None:
+        import numpy as np
+
+        from lmeasure.view import Series, write_scene
+
+        strokes = {c.cable: np.array([c.stroke_mm, c.slack_mm], dtype=np.float64) for c in result.cables}
+        series = {(group, name): Series(v[i : i + 1]) for name, v in strokes.items() for i, group in enumerate(("stroke_mm", "slack_mm"))}
+        write_scene(settings.rerun, rig.name, rig=rig, series=series, notes=[*faults, *result.notes])
     failure = message("workflow.faults", rig=settings.rig, count=len(faults), first=faults[0]) if faults else ""
     data, reported = corrected(document, result)
     left = () if settings.write is None else not_corrected(result)

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from lmeasure.core import SettingsError
 from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, START, Distances, Paths, Start, Writing, option, then
+from lmeasure.workflows.settings import LANGUAGE, RERUN, START, Distances, Paths, Recording, Start, Writing, option, then
 
 if TYPE_CHECKING:
     from lmeasure.procedures import Checked, Closure
+    from lmeasure.view import Series
 
 CALIBRATE_AGAIN = "plan-poses {rig} --poses 12 --box=-300:300,-300:300,-300:300 --out planned.csv"
 
@@ -37,6 +38,7 @@ class Settings(Writing):
     false_alarm_percent: Annotated[float, option("Part of checks of a sound instrument that may fail.", ge=0.001, le=50.0, unit="%")] = 1.0
     trend: Annotated[Path | None, option("Table to append this check to; its report shows all checks.", metavar="FILE.csv")] = None
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
+    rerun: Annotated[Recording | None, RERUN] = None
 
     def following(self) -> str:
         """Return the command that reconstructs the run."""
@@ -45,7 +47,9 @@ class Settings(Writing):
     def paths(self) -> Paths:
         """A record and a page from a run."""
         start = None if self.start is None else Path(self.start)
-        return Paths(inside(self.out, "check.json", "check.html"), (*in_run_folder(self.run), *present(self.rig, start)))
+        return Paths(
+            (*inside(self.out, "check.json", "check.html"), *present(self.rerun)), (*in_run_folder(self.run), *present(self.rig, start))
+        )
 
 
 @workflow
@@ -81,6 +85,12 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
         record, page = (together.enter_context(files.whole(settings.out / name)) for name in ("check.json", "check.html"))
         files.write_json(record, content)
         write_check_page(page, found, trend, inputs=inputs, language=settings.language or of_terminal(), when=when)
+    if settings.rerun is not None:
+        from lmeasure.view import write_scene
+
+        series = _series(found.closures)
+        places, notes = (found.stops.names, found.stops.poses[:, :3]), (verdict_text(found), *said(found))
+        write_scene(settings.rerun, found.rig, rig=recorded.rig, points={"stops": places}, series=series, notes=notes)
     stops = tuple(
         message("check_line.stop", name=name, s=begin) for name, begin in zip(found.stops.names, found.stops.begin_s, strict=True)
     )
@@ -101,6 +111,17 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Checked]":
         () if found.passed else (verdict_text(found),),
         next="" if found.passed else then(CALIBRATE_AGAIN, rig=settings.rig or settings.run / "rig.toml"),
     )
+
+
+def _series(every: "tuple[Closure, ...]") -> "dict[tuple[str, str], Series]":
+    """Return the closures by kind, each with its U95 as a band."""
+    import numpy as np
+
+    from lmeasure.view import Series
+
+    kinds = {kind: [c for c in every if c.kind == kind] for kind in dict.fromkeys(c.kind for c in every)}
+    mm = {kind: np.array([(c.value_mm, c.u95_mm) for c in found]) for kind, found in kinds.items()}
+    return {("closure_mm", kind): Series(values[:, 0], values[:, 1]) for kind, values in mm.items()}
 
 
 def _told(closure: "Closure", *, failed: bool) -> str:

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from lmeasure.core import RobotError, SettingsError
 from lmeasure.text import message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
-from lmeasure.workflows.settings import LANGUAGE, Names, Paths, Writing, option
+from lmeasure.workflows.settings import LANGUAGE, RERUN, Names, Paths, Recording, Writing, option
 
 if TYPE_CHECKING:
-    from lmeasure.robots import AnyRobot, Identified, Measurements
+    from collections.abc import Iterable
+
+    from lmeasure.robots import AnyRobot, HeldOut, Identified, Measurements, Noted
 
 MAPPING = "NAME=COLUMN[UNIT],..."
 TIP = option("Flange link of a .urdf; the chain ends there.", metavar="LINK")
@@ -54,6 +56,7 @@ class Settings(Writing):
     )
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
     seed: Annotated[int, option("Seed of starts, folds and random sets.", ge=0)] = 0
+    rerun: Annotated[Recording | None, RERUN] = None
 
     def paths(self) -> Paths:
         """The identified robot from a nominal one and measurements."""
@@ -61,7 +64,7 @@ class Settings(Writing):
         outputs += inside(self.out, "predictions.csv") if self.predict is not None else ()
         robot = Path(self.robot)
         measured = in_run_folder(self.measurements) if self.measurements.is_dir() else (self.measurements,)
-        return Paths(outputs, (*measured, *present(self.joints, self.predict, robot if robot.suffix else None)))
+        return Paths((*outputs, *present(self.rerun)), (*measured, *present(self.joints, self.predict, robot if robot.suffix else None)))
 
 
 @workflow
@@ -138,11 +141,27 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Identified[A
         findings = (*findings, *unmoved_in(found, joints, predicted.u95_mm, str(settings.predict)))
         files.write_table(out / "predictions.csv", prediction_columns(asked.names, predicted))
         names.insert(names.index("report.html") + 1, "predictions.csv")
+    if settings.rerun is not None:
+        _record(settings.rerun, found, done.held, findings)
     figures = {p["name"]: p["value"] for p in record["parameters"]} | {"noise_mm": record["noise"]["position_mm"]}
     written = message("line.written", files=tuple(str(out / name) for name in names))
     reported = (*(f"{f.code}: {f.text}" for f in findings), *unasked)
     lines = (*summary(found, done.held, findings, done.over), *(f"warning {text}" for text in unasked), *frames_of(robot))
     return Result(found, (*lines, written), figures, reported)
+
+
+def _record(path: Path, found: "Identified[Any]", held: "HeldOut | None", findings: "Iterable[Noted]") -> None:
+    """Draw the measured positions, and the errors of the nominal and the identified robot, at validation rows with their U95."""
+    import numpy as np
+
+    from lmeasure.view import Series, write_scene
+
+    before, after = (np.linalg.norm(e, axis=1) for e in (found.nominal_errors_mm(), found.errors_mm()))
+    series = {("error_mm", "nominal"): Series(before), ("error_mm", "identified"): Series(after)}
+    if held is not None:
+        series["validation_mm", "error"] = Series(held.error_mm, held.u95_mm)
+    points = {"measured": (found.rows.names, found.rows.position)}
+    write_scene(path, found.nominal.name, points=points, series=series, notes=[f"{f.code}: {f.text}" for f in findings])
 
 
 def _measured_targets(asked: "Measurements", rows: "Measurements", path: Path | None) -> "tuple[Measurements, list[str]]":

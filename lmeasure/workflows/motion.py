@@ -10,10 +10,12 @@ from lmeasure.workflows.settings import (
     ALIGN,
     ANGLES,
     COLUMNS,
+    RERUN,
     TRAJECTORY,
     U_POSITION,
     U_ROTATION,
     Paths,
+    Recording,
     Writing,
     notes_of_file,
     option,
@@ -51,11 +53,12 @@ class Settings(Writing):
             within=(0.0, 60.0),
         ),
     ] = None
+    rerun: Annotated[Recording | None, RERUN] = None
 
     def paths(self) -> Paths:
         """A motion from a trajectory."""
         counts = () if self.run is None else in_run_folder(self.run)
-        return Paths((self.out,), (self.trajectory, *present(self.align), *counts))
+        return Paths((self.out, *present(self.rerun)), (self.trajectory, *present(self.align), *counts))
 
 
 @workflow
@@ -88,6 +91,13 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
         raise TrajectoryError(composed("{where}: {error}", where=settings.trajectory, error=error)) from None
     progress(1.0, "motion")
     write_motion(settings.out, found)
+    if settings.rerun is not None:
+        from lmeasure.view import Series, write_scene
+
+        columns, of = found.columns(), {"velocity": "v{}_mm_s", "acceleration": "a{}_mm_s2"}
+        groups = {"speed": ["speed_mm_s"]} | {group: [name.format(axis) for axis in "xyz"] for group, name in of.items()}
+        series = {(g, name): Series(columns[name], columns[f"u_{name}"], found.time_s) for g, names in groups.items() for name in names}
+        write_scene(settings.rerun, settings.trajectory.name, moving=(found.time_s, found.poses), series=series)
     largest, u95 = found.largest_speed()
     way = float(np.nanmax(found.path_mm))
     reported: str = message(

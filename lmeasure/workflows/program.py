@@ -8,12 +8,14 @@ from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
 from lmeasure.workflows.settings import (
     COLUMNS,
+    RERUN,
     Edges,
     Names,
     Numbers,
     Pair,
     Paths,
     Quaternion,
+    Recording,
     Writing,
     known_convention,
     notes_of_file,
@@ -89,6 +91,7 @@ class Settings(Writing):
     ] = None
     length_mm: Annotated[Pair | None, option("With --correct: cable lengths.", metavar="MIN:MAX", panel=KEPT)] = None
     drift_hours: Annotated[float, option("Duration of the drift test.", unit="h")] = 8.0
+    rerun: Annotated[Recording | None, RERUN] = None
 
     def following(self) -> str:
         """Return the command that records the program, or certifies by it."""
@@ -99,10 +102,11 @@ class Settings(Writing):
     def paths(self) -> Paths:
         """A program, perhaps from a zone. With --ran, program.toml gets its windows in its place and is no output."""
         if self.ran is not None:
-            return Paths((), present(self.ran, self.loaded))
+            return Paths(present(self.rerun), present(self.ran, self.loaded))
         if self.correct is not None:
-            return Paths(inside(self.out, "program.toml", "corrected.csv"), present(self.correct, self.rig))
-        return Paths(inside(self.out, "program.toml", "commands.csv", "robodk.csv"), present(self.zone, self.rig))
+            return Paths((*inside(self.out, "program.toml", "corrected.csv"), *present(self.rerun)), present(self.correct, self.rig))
+        outputs = inside(self.out, "program.toml", "commands.csv", "robodk.csv")
+        return Paths((*outputs, *present(self.rerun)), present(self.zone, self.rig))
 
 
 @workflow
@@ -131,6 +135,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Program]":
     )
     plan = campaign(cube, chosen)
     write_campaign(settings.out, plan)
+    _record(settings, plan.program)
     minutes = duration_s(plan) / 60.0
     lasts = message("workflow.minutes", minutes=minutes) if minutes >= 1.0 else message("workflow.seconds", seconds=60.0 * minutes)
     return Result(
@@ -145,6 +150,17 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Program]":
         ),
         {"edge_mm": float(cube.edge_mm), "minutes": minutes},
     )
+
+
+def _record(settings: Settings, program: "Program", moving: "tuple[FloatArray, FloatArray] | None" = None) -> None:
+    """Draw the commanded poses and paths, the rig, and the measured motion."""
+    if settings.rerun is None:
+        return
+    from lmeasure.rig import read_linked_rig
+    from lmeasure.view import write_scene
+
+    rig = None if settings.rig is None else read_linked_rig(settings.rig)[0]
+    write_scene(settings.rerun, program.name or "program", rig=rig, program=program, moving=moving)
 
 
 def _returns(settings: Settings, program: "Program") -> "list[Message]":
@@ -178,6 +194,7 @@ def _corrected(settings: Settings, commanded: Path) -> "Result[Program]":
     with files.whole(settings.out / "program.toml") as written, files.whole(settings.out / "corrected.csv") as table:
         write_program(written, made)
         files.write_table(table, correction_columns(found))
+    _record(settings, made)
     left = tuple(one.line() for one in found if one.left)
     return Result(made, tuple(one.line() for one in found), {"led_around": float(sum(one.changed for one in found))}, left)
 
@@ -249,6 +266,7 @@ def _filled_in(settings: Settings, ran: Path) -> "Result[Program]":
     trajectory = read_trajectory(ran, replace(stated, likely=before.angles))
     program, notes = windows_from_rests(before, reported, trajectory, loaded=settings.loaded, align=settings.align)
     write_program(written, program)
+    _record(settings, program, (trajectory.time_s, trajectory.poses))
     windows = [p.windows_s for p in program.pose] + [p.windows_s for p in program.path]
     windows += [p.windows_s for p in program.posing] + [c.windows_s for c in program.compliance]
     count = sum(map(len, windows))

@@ -28,7 +28,8 @@ HEAVY = {"numpy", "scipy", "numba", "pandas", "pyarrow", "xarray", "pydantic", "
 
 
 def test_every_stage_writes_a_recording_when_asked() -> None:
-    for name in ("calibrate", "import", "place", "plan-poses", "reconstruct", "record", "simulate", "zone"):
+    stages = "calibrate certify check check-instrument identify import motion place plan-poses program reconstruct record simulate zone"
+    for name in stages.split():
         assert "--rerun" in {option for parameter in command(name).params for option in parameter.opts}, name
 
 

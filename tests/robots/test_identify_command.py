@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from recordings import scalars
 from scipy.spatial.transform import Rotation
 
 from lmeasure.cli.app import main
@@ -40,6 +41,7 @@ def test_what_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
     measured.write_text(lines(slice(0, 1000, 10), places=True), encoding="utf-8")
     asked.write_text(lines(slice(5, 1000, 50), places=False), encoding="utf-8")
     arguments = ["identify", "--robot", "ur5", "--measurements", str(measured), "--out", str(out), "--predict", str(asked), "--harmonics"]
+    arguments += ["--rerun", str(tmp_path / "robot.rrd")]
     assert run(monkeypatch, *arguments) == 0
     said = capsys.readouterr().out
     assert "100 rows; mean error" in said
@@ -65,6 +67,9 @@ def test_what_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
     assert turn.apply(in_base) + record["base"]["position_mm"] == pytest.approx(place, abs=1e-6)
     drawn = read_urdf(out / "robot.urdf").arm.forward(joints)[:, :3]
     assert drawn == pytest.approx(in_base, abs=2.0)
+    left = np.linalg.norm([r["mm"] for r in record["residuals"]], axis=1)
+    assert scalars(tmp_path / "robot.rrd", "/error_mm/identified", "row") == pytest.approx(left)
+    assert len(scalars(tmp_path / "robot.rrd", "/validation_mm/error", "row", "Measurements:variances")) == 100
     error = np.linalg.norm(place - truth_of_asked(), axis=1)
     radius = predicted.numbers("u95_mm")
     assert error.mean() < 0.13
