@@ -295,6 +295,7 @@ def map_zone(
 
     import xarray as xr
 
+    rig = rig.zeroed_at(start)
     covered, assumed = covers(rig, calibration), assumed_in_zone(rig, calibration, positions, rotations, start=start)
     data = xr.Dataset(
         {
@@ -561,6 +562,7 @@ class Ellipsoids(NamedTuple):
 def ellipsoids(rig: Rig, calibration: CalibrationRecord | None, places: FloatArray, turn: Rotation, *, start: FloatArray) -> Ellipsoids:
     """Of (n, 3) places of the tool origin [mm] at one orientation base_from_tool, by the laws of `accuracy.zone.map_zone`; start (7,): pose
     at which the counters are zeroed."""
+    rig = rig.zeroed_at(start)
     drums = drum_variance(rig, calibration, places, Rotation.from_quat([turn.as_quat()]), start=start)
     readings, poses = readings_of(rig, calibration, start, drums), se3.pose(places, turn)
     covariance, weakest, angle = np.full((len(poses), 3, 3), np.nan), np.zeros(len(poses), dtype=np.int64), np.full(len(poses), 90.0)

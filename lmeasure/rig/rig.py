@@ -3,6 +3,7 @@
 import difflib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -50,6 +51,15 @@ def _one_line(value: str) -> str:
 
 Observed = Cable | SensorChannel
 """What a channel of readings belongs to."""
+
+
+@dataclass(frozen=True)
+class _Zeroing:
+    """Where counters were zeroed: arguments of `Rig.zeroed_at`. Rigs are equal wherever that was."""
+
+    poses: FloatArray | None = field(default=None, compare=False)
+    counts: FloatArray | None = field(default=None, compare=False)
+    cables: tuple[Observed, ...] = field(default=(), compare=False)
 
 
 class Rig(Shown, Strict):
@@ -132,6 +142,7 @@ class Rig(Shown, Strict):
 
     _paid_out: dict[str, float] = PrivateAttr(default_factory=dict)
     """True counts from `zero_length_mm` to where the counters were zeroed, by cable (`zeroed_at`)."""
+    _zeroing: _Zeroing = PrivateAttr(default_factory=_Zeroing)
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -271,7 +282,7 @@ class Rig(Shown, Strict):
         at the poses, 0 by default.
         """
         out, every = self.model_copy(), self.cable if cables is None else cables
-        out._paid_out = {}
+        out._paid_out, out._zeroing = {}, _Zeroing(poses, counts, every)
         stated = {j: c for j, c in enumerate(every) if isinstance(c, Cable) and c.zero_length_mm is not None}
         if stated:
             own, chosen = list(stated), tuple(stated.values())
@@ -284,6 +295,25 @@ class Rig(Shown, Strict):
     def paid_out(self, cables: tuple[Observed, ...] | None = None) -> FloatArray:
         """(m,) true counts from `zero_length_mm` to where the counters were zeroed, default of all cables; 0 where it is not stated."""
         return np.array([self._paid_out.get(o.name, 0.0) for o in (self.cable if cables is None else cables)])
+
+    def paid_out_since(self, lengths_mm: Mapping[str, float]) -> FloatArray:
+        """(m,) true counts of all cables from other lengths, by cable, to where the counters were zeroed (`zeroed_at`).
+
+        A cable without a length takes that of another from the same drum. 0 of one that states `zero_length_mm`, or whose zeroing is not
+        known.
+        """
+        poses, counts, every = self._zeroing.poses, self._zeroing.counts, self._zeroing.cables
+        if poses is None or not lengths_mm:
+            return np.zeros(len(self.cable))
+        of_drum = {c.from_point: lengths_mm[c.name] for c in self.cable if c.name in lengths_mm}
+
+        def other(o: Observed) -> Observed:
+            if isinstance(o, SensorChannel) or o.zero_length_mm is not None:
+                return o
+            return o.model_copy(update={"zero_length_mm": lengths_mm.get(o.name, of_drum.get(o.from_point))})
+
+        since = self.zeroed_at(poses, counts, tuple(map(other, every)))._paid_out
+        return np.array([since.get(c.name, 0.0) if c.zero_length_mm is None else 0.0 for c in self.cable])
 
     def scales(self, cables: tuple[Observed, ...] | None = None) -> FloatArray:
         """(m,) decoding scales of the channels' counters, default of all cables."""

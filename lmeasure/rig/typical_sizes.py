@@ -45,6 +45,8 @@ class TypicalSize:
     @property
     def in_unit(self) -> tuple[float, str]:
         """Return the typical size as a number and its unit."""
+        if self.unit == "zeroings":  # each cable has its own
+            return 1.0, ""
         unit = {"percent": "%", "kelvin": "K", "band": "count"}.get(self.unit, self.unit)
         return (100.0 * self.value if self.unit == "percent" else self.value), unit
 
@@ -56,6 +58,8 @@ class TypicalSize:
     def _written(self, value: float) -> Message:
         if self.unit == "band":
             return message("size.band", counts=round(2.0 * value))
+        if self.unit == "zeroings":
+            return message("size.zeroings") if value == self.value else message("size.mm", mm=value)
         return message(f"size.{self.unit}", **{self.unit.partition("_of_")[0]: 100.0 * value if self.unit == "percent" else value})
 
 
@@ -74,6 +78,7 @@ _SIZES = (
     TypicalSize("temperature_c", WARMER_K, 0.5, "kelvin", "temperature"),
     TypicalSize("calibration.temperature_c", WARMER_K, 0.5, "kelvin_of_calibration", "calibration_temperature"),
     TypicalSize("cable_expansion_per_k", STEEL_PER_K, 1e-6, "per_k", "expansion"),
+    TypicalSize("zero_length_mm", 300.0, 10.0, "zeroings", "zero_lengths"),
     TypicalSize("u_position_mm", 0.3, 0.02, "mm", "start_position"),
     TypicalSize("u_rotation_deg", 0.05, 0.003, "deg", "start_rotation"),
     TypicalSize("u_length_mm", 0.3, 0.05, "mm", "start_length"),

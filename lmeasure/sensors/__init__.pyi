@@ -1,5 +1,6 @@
 from .cable_effects import REFERENCE_C as REFERENCE_C, Effects as Effects, Zero as Zero, effects_of as effects_of, zero_at as zero_at
 from .cable_parameters import (
+    axial_travel as axial_travel,
     cable_covariance as cable_covariance,
     channel_names as channel_names,
     further_solved as further_solved,

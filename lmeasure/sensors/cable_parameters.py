@@ -3,11 +3,12 @@
 import numpy as np
 
 from lmeasure.core import FloatArray
-from lmeasure.kernels import PARAMETERS, length_gradients
+from lmeasure.kernels import BY_AXIAL, PARAMETERS, length_gradients
 from lmeasure.rig import FURTHER, FURTHER_KEYS, Cable, CalibrationRecord, Drum, Observed, Rig, SensorChannel, further_names, parameter_names
 from lmeasure.sensors import stated_errors
 from lmeasure.sensors.effect_laws import DIMENSIONS
 from lmeasure.sensors.imperfect_parts import every_part
+from lmeasure.sensors.stated_errors import SAME_MM
 
 
 def further_solved(record: CalibrationRecord | None) -> bool:
@@ -91,13 +92,37 @@ def unsolved_dimensions(
     for sensor in {c.channel: c.table for c in chosen if isinstance(c, SensorChannel)}.values():
         own = {f"{sensor.channel}.{p.key}": sensor.u(p) * p.factor for p in sensor.solvable() if p.key != sensor.zero}
         stated |= {name: u for name, u in own.items() if u and name not in solved}
-    own = _selected(rig, chosen, names, tuple(stated)) * np.array(list(stated.values()))
-    keys = tuple(assumed.get(name, "") for name in stated)
+    zeroed = _zeroed_elsewhere(rig, record, chosen, len(names[0]))
+    columns = np.column_stack([_selected(rig, chosen, names, tuple(stated)) * np.array(list(stated.values())), zeroed])
+    keys = tuple(assumed.get(name, "") for name in stated) + ("zero_length_mm",) * zeroed.shape[1]
     if record is None or not known:
-        return own, keys
+        return columns, keys
     of_dimensions, followed = record.dimension_columns(names)
     calibrated = _selected(rig, chosen, names, tuple(d.name for d in known)) @ of_dimensions + followed
-    return np.column_stack([calibrated, own]), ("",) * calibrated.shape[1] + keys
+    return np.column_stack([calibrated, columns]), ("",) * calibrated.shape[1] + keys
+
+
+def _zeroed_elsewhere(rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...], width: int) -> FloatArray:
+    """(13 m, s) errors of axial offsets, a variable for each drum whose counters were zeroed at other lengths than in the calibration.
+
+    Nobody stated at which lengths the offsets hold. They are taken to hold where the counters are zeroed, as if the drum was turned back.
+    The travel of a drum that was not is the standard uncertainty.
+    """
+    travel = {} if record is None or rig.unstated == "exact" else axial_travel(rig, record)
+    drums = list(dict.fromkeys(c.from_point for c in cables if travel.get(c.name)))
+    out = np.zeros((len(cables), width, len(drums)))
+    for j, c in enumerate(cables):
+        if travel.get(c.name):
+            out[j, BY_AXIAL, drums.index(c.from_point)] = travel[c.name]
+    return out.reshape(len(cables) * width, len(drums))
+
+
+def axial_travel(rig: Rig, record: CalibrationRecord) -> dict[str, float]:
+    """Travel [mm] of each cable's pay-out point from where the calibration zeroed its counter to where it was zeroed now, empty of cables
+    that state `zero_length_mm` or were zeroed at the same length."""
+    counts = rig.paid_out_since(record.zero_length_mm).tolist()
+    every = [(c.name, k, rig.point(c.from_point).drum) for c, k in zip(rig.cable, counts, strict=True)]
+    return {name: k * drum.axial_per_count_mm for name, k, drum in every if abs(k) * drum.per_count >= SAME_MM}
 
 
 def _selected(rig: Rig, cables: tuple[Observed, ...], names: list[list[str]], dimensions: tuple[str, ...]) -> FloatArray:

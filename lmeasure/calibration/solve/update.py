@@ -23,6 +23,7 @@ from lmeasure.calibration.solve.unknowns import Model, rig_with
 from lmeasure.core import CalibrationError, FloatArray, se3
 from lmeasure.estimation import Eliminated, Parameters
 from lmeasure.rig import CalibrationRecord, Finding, Residual, Rig, value_of
+from lmeasure.sensors import axial_travel
 from lmeasure.text import joined, message
 
 MOVED = 1e-3
@@ -50,15 +51,20 @@ class Continued:
 def continued(campaign: Campaign, record: CalibrationRecord) -> Continued:
     """Refine the record of a campaign's rig by its samples, at poses that nobody knows.
 
-    Its dimensions are solved too, so that no size is assumed of what it has found. CalibrationError where the record was made of the same
+    Its dimensions are solved too, so that no size is assumed of what it has found, and axial offsets of drums that were zeroed elsewhere,
+    which nobody stated to hold there. CalibrationError where the record was made of the same
     counts, the channels leave nothing over, or it does not settle.
     """
     known = {given.sha256 for given in record.inputs}
     again = [given.file for given in campaign.inputs if given.sha256 in known and given.file != "run.toml"]
     if again:
         raise CalibrationError(message("error.its_counts_are_in", where=again[0]))
-    names, nominal, per = _solved(campaign.rig, record)
-    C0 = record.joint_matrix() * np.outer(per, per)
+    travel = {} if campaign.rig.unstated == "exact" else axial_travel(campaign.rig, record)
+    offsets = {f"{c.from_point}.axial_offset_mm": travel[c.name] for c in campaign.drums if c.name in travel}
+    q, solved = len(record.names), tuple(dict.fromkeys((*record.names, *offsets)))
+    names, nominal, per = _solved(campaign.rig, solved)
+    C0 = np.diag([offsets.get(name, 0.0) ** 2 for name in solved])
+    C0[:q, :q] += record.joint_matrix() * np.outer(per[:q], per[:q])
     width = np.sqrt(np.maximum(np.diag(C0), 0.0))
     unit = np.where(width > 0.0, width, 1.0)
     values, vectors = np.linalg.eigh(C0 / np.outer(unit, unit))
@@ -81,20 +87,20 @@ def continued(campaign: Campaign, record: CalibrationRecord) -> Continued:
     chi2, freedom = float(y @ y + z @ z), len(y)
     probability = float(scipy.stats.chi2.sf(chi2, freedom))
     moved = _moved(model, part, theta, y, A, z, probability) if probability < MOVED else None
-    C = C / np.outer(per, per)
-    values = np.array([value_of(campaign.rig, name) or 0.0 for name in record.names]) + (theta[: model.own] - nominal) / per
+    C = (C / np.outer(per, per))[:q, :q]
+    values = np.array([value_of(campaign.rig, name) or 0.0 for name in record.names]) + ((theta[: model.own] - nominal) / per)[:q]
     u = np.sqrt(np.maximum(np.diag(C), 0.0))
     rig = rig_with(campaign, Parameters(record.names, values, u), values, "calibration.json", u=u)
     return Continued(rig, _record(record, model, theta, values, C, (chi2, freedom, probability)), chi2, freedom, probability, moved)
 
 
-def _solved(rig: Rig, record: CalibrationRecord) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+def _solved(rig: Rig, solved: tuple[str, ...]) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
     """Names (q,) of what is solved for, its values in the rig, and changes by one unit of the record's: the scale for a count's length."""
     drums = {
         f"{p.name}.count_length_mm": (f"{p.name}.scale", p.drum.scale, -p.drum.scale / p.drum.count_length_mm)
         for p in rig.observation_point
     }
-    every = [drums.get(name, (name, value_of(rig, name) or 0.0, 1.0)) for name in record.names]
+    every = [drums.get(name, (name, value_of(rig, name) or 0.0, 1.0)) for name in solved]
     return tuple(e[0] for e in every), np.array([e[1] for e in every]), np.array([e[2] for e in every])
 
 

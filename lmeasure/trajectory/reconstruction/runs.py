@@ -15,10 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.core import BoolArray, FloatArray, Status, TrajectoryError
-from lmeasure.kernels import AXIAL, BELIEVED_AT, KIND, TANGENT, counts_from_changes, solve_pose, span_lengths, span_rows
+from lmeasure.kernels import (
+    AXIAL,
+    BELIEVED_AT,
+    KIND,
+    TANGENT,
+    changes_from_counts as changes_of_rows,
+    counts_from_changes,
+    solve_pose,
+    span_lengths,
+    span_rows,
+)
 from lmeasure.recording import Counts, RateEvidence, Run, RunHead, WidthEvidence, notes_of, read_counts_in_pieces
 from lmeasure.rig import PHASED, Rig
-from lmeasure.sensors import COUNTER_STATE, Lengths, changes_from_counts, lengths_from_counts, rate_notes, zero_temperature
+from lmeasure.sensors import COUNTER_STATE, Lengths, axial_travel, changes_from_counts, lengths_from_counts, rate_notes, zero_temperature
 from lmeasure.text import Message, and_also, is_of, message
 from lmeasure.trajectory.faults.consistency import RunSamples, collect_epochs, consistent
 from lmeasure.trajectory.faults.detectable_sizes import detectable_sizes
@@ -37,8 +47,8 @@ from lmeasure.trajectory.uncertainty.budget import CHUNK, RESTORED_ORIGIN, Budge
 from lmeasure.trajectory.uncertainty.sources import LIGHT_RAD, PassClock, Situation, needed_zero, zeros_of
 
 Progress = Callable[[int, int], None]
-ELSEWHERE_MM, LEAST_AXIAL_MM = 1.0, 0.001
-"""Differences of cable lengths where counters were zeroed, and of lengths that follow, up to which they are not reported."""
+LEAST_AXIAL_MM = 0.001
+"""Difference of lengths by which axial offsets hold elsewhere, up to which it is not reported."""
 SURE_S = 86400.0
 """A counter that no rate takes through half its range for as long is asked for nothing."""
 Each = Callable[[Counts, Lengths, Trajectory], None]
@@ -82,13 +92,14 @@ def prepare(source: LengthSource, constraint: str | None = None, repeatability_m
     rig = run.rig
 
     def begin(start: FloatArray, begun: FloatArray | None = None, zeros: FloatArray | None = None) -> Reconstruction:
-        own = source
+        own, zeroed = source, rig
         if begun is not None:
             counts = counts_from_changes(rig.cable_rows(rig.observed), begun[None])
-            own = source.zeroed(rig.zeroed_at(start, counts[0]))
-            begun = begun if own is source else changes_from_counts(own.run.rig, counts, rig.observed)[0]
+            zeroed = rig.zeroed_at(start, counts[0])
+            own = source.zeroed(zeroed)
+            begun = begun if own is source else changes_from_counts(zeroed, counts, rig.observed)[0]
         model = RunModel(
-            own.run.rig,
+            zeroed,
             start,
             run.calibration,
             constraint,
@@ -363,20 +374,20 @@ def _phase_notes(reconstruction: Reconstruction) -> list[Message]:
 def _zero_notes(model: RunModel, lengths: Lengths) -> list[Message]:
     """Return a note on drums whose counters were zeroed at other lengths than in the calibration, while no length is stated at which axial
     offsets hold: how much other the lengths would be if they hold at those of the calibration."""
-    known = {} if model.calibration is None else model.calibration.zero_length_mm
-    cables = tuple(c for c in model.rig.cable if c.name in known and c.zero_length_mm is None)
-    if not cables:
+    known, rig = {} if model.calibration is None else model.calibration.zero_length_mm, model.rig
+    travel = {} if model.calibration is None else axial_travel(rig, model.calibration)
+    if not travel:
         return []
-    own = [model.rig.cable.index(c) for c in cables]
-    stated = tuple(c.model_copy(update={"zero_length_mm": known[c.name]}) for c in cables)
-    begun = None if model.begun is None else counts_from_changes(model.rig.cable_rows(), model.begun[None, : len(model.rig.cable)])[0, own]
-    moved = model.rig.model_copy(update={"cable": stated}).zeroed_at(model.start, begun, stated)
-    counts = np.ascontiguousarray(lengths.counts[:, own])
-    off = np.abs(changes_from_counts(moved, counts, stated) - changes_from_counts(model.rig, counts, cables))
-    away = float(np.max(np.abs(moved.paid_out(stated)) * [model.rig.counter(c).per_count for c in cables]))
-    if away < ELSEWHERE_MM or not np.isfinite(off).any() or np.nanmax(off) < LEAST_AXIAL_MM:
+    rows, counts = rig.cable_rows(), np.ascontiguousarray(lengths.counts[:, : len(rig.cable)])
+    moved = rows.copy()
+    moved[:, AXIAL] += [travel.get(c.name, 0.0) for c in rig.cable]
+    mm = float(np.nanmax(np.abs(changes_of_rows(moved, counts) - changes_of_rows(rows, counts)), initial=0.0))
+    if mm < LEAST_AXIAL_MM:
         return []
-    return [message("zero.elsewhere", away=away, mm=float(np.nanmax(off)), example=cables[0].name, length=known[cables[0].name])]
+    paid = np.abs(rig.paid_out_since(known)) * [rig.counter(c).per_count for c in rig.cable]
+    example = next((name for name in travel if name in known), next(iter(known)))
+    code = "zero.elsewhere.exact" if rig.unstated == "exact" else "zero.elsewhere"
+    return [message(code, away=float(np.max(paid)), mm=mm, example=example, length=known[example])]
 
 
 def _redundancy_notes(model: RunModel, evidence: Evidence) -> list[Message]:
