@@ -10,6 +10,7 @@ from .plan.pose_choice import (
     PlanSettings as PlanSettings,
     lengths_over as lengths_over,
     outlook_of as outlook_of,
+    plan_details as plan_details,
     plan_poses as plan_poses,
     plan_summary as plan_summary,
 )

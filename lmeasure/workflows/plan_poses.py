@@ -21,7 +21,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
     """Plan, and write the poses."""
     import numpy as np
 
-    from lmeasure.calibration import Limits, PlanSettings, further_columns, plan_poses, plan_summary
+    from lmeasure.calibration import Limits, PlanSettings, further_columns, plan_details, plan_poses, plan_summary
     from lmeasure.core import convention, rounded_angles
     from lmeasure.io import write_table
     from lmeasure.recording import pose_columns
@@ -89,7 +89,8 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Any]":
     figures |= {"u_length_rms_mm": plan.outlook.rms_mm, "u_length_worst_mm": plan.outlook.worst_mm}
     answer = message("workflow.planned", poses=len(plan.poses), mm=plan.outlook.worst_mm, out=out, fill_in=fill_in)
     returns = proposed_returns(rig, plan.poses.rows, plan.poses.names)
-    return Result(plan, (*plan_summary(plan).splitlines(), *returns, "", answer), figures)
+    lines = (answer, *returns, *plan_summary(plan).splitlines())
+    return Result(plan, lines, figures, details=tuple(plan_details(plan).splitlines()))
 
 
 def _recorded(folder: Path, u_position_mm: float, u_rotation_rad: float) -> "Campaign":

@@ -313,33 +313,36 @@ def _line(first: str, outlook: Outlook, unknowns: int, note: str = "") -> str:
 
 
 def plan_summary(plan: Plan) -> str:
-    """What the plan brings: the poses, the predicted uncertainty as they are measured one after the other and with further ones, what each
-    is worth, and what stays undetermined."""
-    unknowns, planned = len(plan.parameters), len(plan.poses) - plan.recorded
-    columns = {name: message(f"calibration.plan.{name}") for name in ("rms", "worst", "cable", "determined")}
-    head = message("calibration.plan.head", gap="", **columns)
-    lines: list[str] = [message("calibration.poses_tried_can_used", part=plan.usable)]
-    lines += [message("calibration.ruled_out", part=part, reason=reason) for reason, part in plan.broken if part]
-    lines += ["", message("calibration.predicted_standard_uncertainty_length"), message("calibration.after_many_poses"), head]
-    for count, outlook in plan.course:
-        of_plan, further = count == len(plan.poses), count > len(plan.poses)
-        note = "recorded" if count == plan.recorded else "plan" if of_plan else "further" if further else ""
-        lines.append(_line(str(count), outlook, unknowns, message(f"calibration.plan.{note}") if note else ""))
-    if planned > 1:
-        lines += [message("calibration.plan_without_one_pose"), head]
-        lines += [_line(name, outlook, unknowns) for name, outlook in plan.without]
-    u_position, u_rotation = plan.poses.u_position_mm, plan.poses.u_rotation_rad
-    exact = not (u_position.any() or u_rotation.any())
-    lines += [
-        "",
-        message(
-            "calibration.equations_unknowns_directions_determined", equations=plan.equations, unknowns=unknowns, rank=plan.outlook.rank
-        ),
+    """The predicted uncertainty, as the poses are measured one after the other and with further ones, and what the plan does not
+    determine."""
+    outlook, unknowns = plan.outlook, len(plan.parameters)
+    predicted = message("calibration.predicted_worst_u_mm", worst=outlook.worst_mm, cable=outlook.worst_cable, rms=outlook.rms_mm)
+    exact = not (plan.poses.u_position_mm.any() or plan.poses.u_rotation_rad.any())
+    lines: list[str] = [
+        message("calibration.plan.exact", what=predicted) if exact else predicted,
+        message("calibration.equations_unknowns_directions_determined", equations=plan.equations, unknowns=unknowns, rank=outlook.rank),
     ]
     if plan.undetermined:
         lines.append(message("calibration.plan_leaves_directions_undetermined", count=len(plan.undetermined)))
-        lines += [composed("  {text}", text=u.text) for u in plan.undetermined]
-    outlook = plan.outlook
-    predicted = message("calibration.predicted_worst_u_mm", worst=outlook.worst_mm, cable=outlook.worst_cable, rms=outlook.rms_mm)
-    lines.append(message("calibration.plan.exact", what=predicted) if exact else predicted)
+    lines.append(message("calibration.poses_tried_can_used", part=plan.usable))
+    lines += [message("calibration.ruled_out", part=part, reason=reason) for reason, part in plan.broken if part]
+    lines += ["", message("calibration.predicted_standard_uncertainty_length"), message("calibration.after_many_poses"), _head()]
+    for count, after in plan.course:
+        of_plan, further = count == len(plan.poses), count > len(plan.poses)
+        note = "recorded" if count == plan.recorded else "plan" if of_plan else "further" if further else ""
+        lines.append(_line(str(count), after, unknowns, message(f"calibration.plan.{note}") if note else ""))
     return Lines(lines)
+
+
+def plan_details(plan: Plan) -> str:
+    """The plan without each of its poses, and each parameter combination that it does not determine."""
+    lines: list[str] = []
+    if len(plan.poses) - plan.recorded > 1:
+        lines += [message("calibration.plan_without_one_pose"), _head()]
+        lines += [_line(name, outlook, len(plan.parameters)) for name, outlook in plan.without]
+    return Lines([*lines, *(composed("  {text}", text=u.text) for u in plan.undetermined)])
+
+
+def _head() -> str:
+    columns = {name: message(f"calibration.plan.{name}") for name in ("rms", "worst", "cable", "determined")}
+    return message("calibration.plan.head", gap="", **columns)
