@@ -7,7 +7,7 @@ extended axes are not at 0, is left, and so are those in frames that the program
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -18,16 +18,18 @@ from lmeasure.robot_programs.program import NUMBER, Dialect, Listing, Reader, So
 from lmeasure.text import message
 
 POSE, AXES = ("X", "Y", "Z", "W", "P", "R"), tuple(f"J{i}" for i in range(1, 7))
-_POSITION = re.compile(r'^[ \t]*P\[\s*(\d+)\s*(?::\s*"?([^"\]]*))?[^\]]*\]\s*(?=\{)', re.M)
-_MOTION = re.compile(r"^[ \t]*\d*\s*:\s*([JLCAS])\s+(.*?);", re.M | re.S)
-_NAMED = re.compile(r"\b(PR?)\[\s*([^\]:]*)[^\]]*\]")
+_POSITION = re.compile(r'^[ \t]*P\[[ \t]*+(\d{1,9}+)[ \t]*+(?::[ \t]*+"?([^"\]\n]*+))?[^\]\n]*\]\s*+(?=\{)', re.M)
+_MOTION = re.compile(r"^[ \t]*\d*[ \t]*:[ \t]*([JLCAS])\s+", re.M)
+_NAMED = re.compile(r"\b(PR?)\[\s*+([^\]:]{0,60}+)[^\]]{0,60}+\]")
 _BY_DIFFERENCE = re.compile(r"\b(\w*OFFSET|INC|TRACK|COORD|RTCP)\b", re.I)
-_ASSIGNED = re.compile(r"^[ \t]*\d*\s*:\s*P\[\s*(\d+)[^\]]*\]\s*=", re.M)
-_SET_FRAME = re.compile(r"^[ \t]*\d*\s*:\s*(UFRAME|UTOOL)\s*\[\s*(?:GP\d+\s*:\s*)?(\w+).*?=", re.M)
-_FRAME = re.compile(r"\b(UF|UT)\s*:\s*(\w+)")
-_CURRENT = re.compile(r"^[ \t]*\d*\s*:\s*(UFRAME_NUM|UTOOL_NUM)\s*=\s*(\w+)", re.M)
+_ASSIGNED = re.compile(r"^[ \t]*\d*[ \t]*:[ \t]*P\[[ \t]*(\d{1,9}+)[^\]\n]*\][ \t]*=", re.M)
+_SET_FRAME = re.compile(r"^[ \t]*\d*[ \t]*:[ \t]*(UFRAME|UTOOL)[ \t]*\[[ \t]*(?:GP\d+[ \t]*:[ \t]*)?(\w++)[^=\n]*=", re.M)
+_FRAME = re.compile(r"\b(UF|UT)\s*+:\s*+(\w{1,99}+)")
+_CURRENT = re.compile(r"^[ \t]*\d*[ \t]*:[ \t]*(UFRAME_NUM|UTOOL_NUM)[ \t]*=[ \t]*(\w{1,99}+)", re.M)
 _FIELD = re.compile(rf"\b([XYZWPR]|[JE]\d)\s*=\s*({NUMBER}|\*+)\s*(mm|deg)?")
-_CONFIG = re.compile(r"CONFIG\s*:\s*'([NF])\s*(?:[LR]\s*)?([UD])?\s*([TB])\s*,\s*([-+]?\d+)\s*,\s*([-+]?\d+)\s*,\s*([-+]?\d+)\s*'")
+_CONFIG = re.compile(
+    r"CONFIG\s*:\s*'([NF])\s*(?:[LR]\s*)?([UD])?\s*([TB])\s*,\s*([-+]?\d{1,9})\s*,\s*([-+]?\d{1,9})\s*,\s*([-+]?\d{1,9})\s*'"
+)
 _pose, _numbers = of_angles("fanuc-wpr")
 
 
@@ -44,26 +46,26 @@ def _read(k: int, source: Source, reader: Reader) -> None:
     body, positions = _sections(text)
     used: dict[int, set[str]] = {}
     first: dict[int, int] = {}
-    for m in _MOTION.finditer(text, *body):
-        if m[2].lstrip().startswith("!"):
+    for m, rest in _motions(text, body):
+        if rest.startswith("!"):
             continue
-        by, registers = _BY_DIFFERENCE.search(m[2]), list(_NAMED.finditer(m[2]))
+        by, registers = _BY_DIFFERENCE.search(rest), list(_NAMED.finditer(rest))
         if not registers:
-            leave(m.start(1), message("robot_programs.position_computed", m=m[1], m_=m[2].strip().partition(" ")[0]))
+            leave(m.start(1), message("robot_programs.position_computed", m=m[1], m_=rest.strip().partition(" ")[0]))
         for register in registers:
             number = register[2].strip()
-            if m[2][register.end() :].lstrip().startswith("="):
+            if re.compile(r"\s*+=").match(rest, register.end()):
                 continue  # what a skip condition keeps
-            if register[1] == "PR" or not number.isdigit():
+            if register[1] == "PR" or not number.isdecimal():
                 if not (by and register.start() > by.start()):
                     leave(m.start(1), message("robot_programs.position_computed_2", m=m[1], register=register[0]))
             else:
                 used.setdefault(int(number), set()).add(by[1].upper() if by else "")
-                first.setdefault(int(number), m.start(2) + register.start())
+                first.setdefault(int(number), m.end() + register.start())
     current = {"UF": {m[2] for m in _CURRENT.finditer(text, *body) if m[1] == "UFRAME_NUM"}}
     current["UT"] = {m[2] for m in _CURRENT.finditer(text, *body) if m[1] == "UTOOL_NUM"}
     # of a number that is computed any may be meant
-    set_here = {f"{m[1][:2]}[{m[2] if m[2].isdigit() else ''}": source.line(m.start(1)) for m in _SET_FRAME.finditer(text, *body)}
+    set_here = {f"{m[1][:2]}[{m[2] if m[2].isdecimal() else ''}": source.line(m.start(1)) for m in _SET_FRAME.finditer(text, *body)}
     changed = {int(m[1]): source.line(m.start(1)) for m in _ASSIGNED.finditer(text, *body)}
     for m in _POSITION.finditer(text, *positions):
         number, end = int(m[1]), closing(text, m.end(), "{}")
@@ -93,6 +95,15 @@ def _read(k: int, source: Source, reader: Reader) -> None:
                 )
             else:
                 reader.targets += [replace(t, moved=(k, first[number]), label=(m[2] or "").strip()) for t in found]
+
+
+def _motions(text: str, body: Span) -> Iterator[tuple[re.Match[str], str]]:
+    """Yield motions up to their semicolons, which may stand in other lines."""
+    start = body[0]
+    while (end := text.find(";", start, body[1])) >= 0:
+        if m := _MOTION.search(text, start, end):
+            yield m, text[m.end() : end]
+        start = end + 1
 
 
 def _set_at(frame: str, set_here: Mapping[str, int]) -> int:
@@ -132,10 +143,10 @@ def _target(k: int, source: Source, name: str, span: Span, current: dict[str, se
         return message("robot_programs.where_robot_workpiece_then", axis=out[0], value=fields[out[0]][0])
     frames = {}
     for m in _FRAME.finditer(text, start, stop):
-        own = m[2] if m[2].isdigit() else next(iter(current[m[1]])) if len(current[m[1]]) == 1 else ""
-        if not own.isdigit() and not joints:
+        own = m[2] if m[2].isdecimal() else next(iter(current[m[1]])) if len(current[m[1]]) == 1 else ""
+        if not own.isdecimal() and not joints:
             return message("robot_programs.of_controller", name=m[1])
-        frames[m[1]] = f"{m[1]}[{int(own)}]" if own.isdigit() else ""
+        frames[m[1]] = f"{m[1]}[{int(own)}]" if own.isdecimal() else ""
     if set(frames) != {"UF", "UT"} and not joints:
         return message("robot_programs.not_stated", names="UF, UT")
     config = _CONFIG.search(text, start, stop)

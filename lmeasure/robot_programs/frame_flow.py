@@ -9,9 +9,14 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Literal
 
+from lmeasure.core import RobotError
+from lmeasure.text import message
+
 State = tuple[str, ...]
 States = frozenset[State]
 NONE: States = frozenset()
+DEEPEST, MOST_STATES, MOST_ROUNDS = 100, 1000, 1000
+"""Blocks within each other, states at one place, and rounds through the program until nothing is new: more are no program of a robot."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +47,7 @@ _Body = list[Event | _Block]
 @dataclass
 class _Flow:
     """What is known so far, which only grows: states that subroutines are entered and left with, that jumps bring to a subroutine's labels,
-    and that motions are made in; of the loop that is gone through, what it is left with and begun again with."""
+    that motions are made in, and that loops are begun with; of the loop that is gone through, what it is left with and begun again with."""
 
     entry: dict[str, States]
     leaves: dict[str, States]
@@ -50,9 +55,10 @@ class _Flow:
     jumps: dict[tuple[str, str], States] = field(default_factory=dict)
     exits: States = NONE
     again: States = NONE
+    loops: dict[int, States] = field(default_factory=dict)
 
     def sizes(self) -> list[int]:
-        return [len(s) for known in (self.entry, self.leaves, self.jumps, self.seen) for s in known.values()]
+        return [len(s) for known in (self.entry, self.leaves, self.jumps, self.seen, self.loops) for s in known.values()]
 
 
 def states(events: Iterable[Event], start: State) -> dict[int, States]:
@@ -62,7 +68,7 @@ def states(events: Iterable[Event], start: State) -> dict[int, States]:
     called = {e.name for e in every if e.kind == "call"}
     entry = {name: NONE if name in called else frozenset({start}) for name in bodies}
     flow = _Flow(entry, dict.fromkeys(bodies, NONE), {e.place: NONE for e in every if e.kind == "move"})
-    while True:
+    for _ in range(MOST_ROUNDS):
         before = flow.sizes()
         for name, body in bodies.items():
             end = _after(body, flow.entry[name], flow, name)
@@ -73,6 +79,7 @@ def states(events: Iterable[Event], start: State) -> dict[int, States]:
             if not lost:
                 return flow.seen
             flow.entry[lost[0]] = frozenset({start})
+    raise RobotError(message("error.program_too_deep"))
 
 
 def _bodies(events: Iterable[Event]) -> dict[str, _Body]:
@@ -86,6 +93,8 @@ def _bodies(events: Iterable[Event]) -> dict[str, _Body]:
         elif event.kind == "finish":
             here, open_blocks = outer.pop() if outer else (bodies[""], [])
         elif event.kind in ("branch", "loop"):
+            if len(open_blocks) >= DEEPEST:
+                raise RobotError(message("error.program_too_deep"))
             block = _Block(event.kind, [[]], event.whole, event.name == "switch")
             here.append(block)
             open_blocks.append((block, here))
@@ -142,16 +151,17 @@ def _after(body: _Body, states: States, flow: _Flow, name: str) -> States:
 
 def _after_branch(block: _Block, states: States, flow: _Flow, name: str) -> States:
     ends = [_after(way, states, flow, name) for way in block.ways]
-    return NONE.union(*ends, *(() if block.whole else (states,)))
+    out = NONE.union(*ends, *(() if block.whole else (states,)))
+    if len(out) > MOST_STATES:
+        raise RobotError(message("error.program_too_deep"))
+    return out
 
 
 def _after_loop(block: _Block, states: States, flow: _Flow, name: str) -> States:
     outside, flow.exits, flow.again = (flow.exits, flow.again), NONE, NONE
-    while True:
-        end = _after(block.ways[0], states, flow, name)
-        before, states = states, states | end | flow.again
-        if states == before:
-            break
+    states |= flow.loops.get(id(block), NONE)
+    states |= _after(block.ways[0], states, flow, name) | flow.again
+    flow.loops[id(block)] = states
     states = flow.exits if block.whole else states | flow.exits
     flow.exits, flow.again = outside
     return states

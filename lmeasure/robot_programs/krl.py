@@ -36,11 +36,13 @@ from lmeasure.text import message
 
 POSE, AXES, EXTERNAL = ("X", "Y", "Z", "A", "B", "C"), tuple(f"A{i}" for i in range(1, 7)), tuple(f"E{i}" for i in range(1, 7))
 FLAGS = "S", "T"
-_DECLARED = re.compile(r"^[ \t]*((?:(?:GLOBAL|DECL|CONST)\s+)*)(E6POS|POS|FRAME|E6AXIS|AXIS|FDAT)\s+(\$?\w+)\s*=\s*(?=\{)", re.I | re.M)
-_DATA = re.compile(r"\b((?:BASE|TOOL)_DATA)\s*\[\s*(\d+)\s*\]\s*=\s*(?=\{)", re.I)
-_ASSIGNED = re.compile(r"^[ \t]*(\w+(?:\s*\[[^\]\n]*\])?)[ \t]*(\.[ \t]*\w+[ \t]*)?=(?!=)", re.M)
-_FIELD = re.compile(rf"([A-Z]\w*)\s+(?:({NUMBER})|'([BH])\s*([\dA-F]+)')", re.I)
-_FRAME_SET = re.compile(r"(?:.*\bWITH\s+)?\$(BASE|TOOL)\s*=\s*(.*?)(?:\s+C_\w+)?", re.I | re.S)
+_DECLARED = re.compile(
+    r"^[ \t]*((?:(?:GLOBAL|DECL|CONST)[ \t]++)*+)(E6POS|POS|FRAME|E6AXIS|AXIS|FDAT)[ \t]++(\$?\w++)\s*+=\s*+(?=\{)", re.I | re.M
+)
+_DATA = re.compile(r"\b((?:BASE|TOOL)_DATA)\s*\[\s*(\d{1,9})\s*\]\s*=\s*(?=\{)", re.I)
+_ASSIGNED = re.compile(r"^[ \t]*(\w++(?:[ \t]*\[[^\]\n]*\])?)[ \t]*+(\.[ \t]*\w++[ \t]*+)?=(?!=)", re.M)
+_FIELD = re.compile(rf"([A-Z]\w*+)\s++(?:({NUMBER})|'([BH])\s*([\dA-F]{{1,200}}+)')", re.I)
+_FRAME_SET = re.compile(r"(?:.*\bWITH\s+)?\$(BASE|TOOL)\s*+=\s*+(.*?)(?:(?<!\s)\s+C_\w+)?", re.I | re.S)
 _OF_FDAT = re.compile(r"S(?:BASE|TOOL2?)\((\w+)(?:\.\w+)?\)")
 _pose, _numbers = of_angles("kuka-abc")
 

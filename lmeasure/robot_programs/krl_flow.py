@@ -18,10 +18,10 @@ _STATEMENT = re.compile(
     r"|\$(?P<frame>BASE|TOOL)\s*(?:\.\s*\w+\s*=|=\s*(?P<value>.*))|\$IPO_MODE\s*=\s*#(?P<mode>\w+)"
     r"|(?:GLOBAL\s+)?(?P<block>IF|ELSE|ENDIF|SWITCH|CASE|DEFAULT|ENDSWITCH|FOR|ENDFOR|WHILE|ENDWHILE|REPEAT|UNTIL|LOOP|ENDLOOP"
     r"|DEFFCT|DEF|ENDFCT|END)\b(?:(?<=DEF)\s+(?P<def>\w+)|(?<=DEFFCT)\s+\w+\s+(?P<fct>\w+))?"
-    r"|(?P<leaves>EXIT|RETURN)\b|GOTO\s+(?P<goto>\w+)|(?P<label>\w+)[ \t]*:[ \t]*\r?$"
-    r"|BAS\s*\(\s*#(?P<bas>BASE|TOOL)\s*,\s*(?P<number>\d+)\s*\)|BAS\s*\(\s*#(?P<again>INITMOV|BASE|TOOL|EX_BASE)\b"
+    r"|(?P<leaves>EXIT|RETURN)\b|GOTO\s+(?P<goto>\w+)|(?P<label>\w++)[ \t]*+:[ \t]*\r?$"
+    r"|BAS\s*\(\s*#(?P<bas>BASE|TOOL)\s*,\s*(?P<number>\d{1,9})\s*\)|BAS\s*\(\s*#(?P<again>INITMOV|BASE|TOOL|EX_BASE)\b"
     r"|FDAT_ACT\s*(?:=\s*(?:(?P<fdat>\w+)|(?P<list>\{.*\}))|(?P<part>\.))"
-    r"|(?P<call>[A-Z]\w*)\s*\((?P<given>.*)\)|(?P<assigned>[$\w.]+\s*(?:\[[^\]\n]*\])?[\w.]*\s*=)(?!=))",
+    r"|(?P<call>[A-Z]\w*+)[ \t]*+\((?P<given>.*)\)|(?P<assigned>[$\w.]++[ \t]*+(?:\[[^\]\n]*\])?+[\w.]*+[ \t]*+=)(?!=))",
     re.I | re.M,
 )
 FrameOf = Callable[[int, str, Span], str]
@@ -100,13 +100,13 @@ def calls(text: str) -> Iterator[tuple[str, int, str]]:
 def functions(text: str, span: Span) -> Iterator[tuple[str, str]]:
     """What looks like a call within a statement: a name in capitals, and what it is given."""
     end = text.find("\n", span[0] + len(text[slice(*span)]) - len(text[slice(*span)].lstrip()))
-    for m in re.compile(r"\b([A-Z]\w*)\s*\(([^()]*)\)", re.I).finditer(text, span[0], end if end >= 0 else len(text)):
+    for m in re.compile(r"\b([A-Z]\w*+)\s*+\(([^()]*+)\)", re.I).finditer(text, span[0], end if end >= 0 else len(text)):
         yield m[1].upper(), m[2]
 
 
 def fdat_frames(text: str) -> tuple[str, str]:
     """Base and tool of the list of an FDAT."""
-    numbers = dict(re.findall(r"(TOOL_NO|BASE_NO)\s+(\d+)", text.upper()))
+    numbers = dict(re.findall(r"(TOOL_NO|BASE_NO)\s+(\d{1,9})", text.upper()))
     if "#TCP" in text.upper() or len(numbers) < 2:
         return FIXED
     return numbered("BASE", numbers["BASE_NO"]), numbered("TOOL", numbers["TOOL_NO"])
@@ -114,7 +114,8 @@ def fdat_frames(text: str) -> tuple[str, str]:
 
 def numbered(which: str, number: str) -> str:
     """The name of the frame of that number; 0 is none."""
-    return f"{which.upper()}_DATA[{int(number)}]" if int(number) else NULL
+    plain = number.lstrip("0")
+    return f"{which.upper()}_DATA[{plain}]" if plain else NULL
 
 
 def _statements(texts: Sequence[str]) -> Iterator[tuple[int, re.Match[str]]]:

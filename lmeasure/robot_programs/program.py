@@ -6,9 +6,10 @@ states; everything else that holds or moves to a position is listed with its lin
 
 import math
 import re
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,7 +18,7 @@ from lmeasure.core import MAX_LENGTH_MM, FloatArray, angles_from_rotation, check
 from lmeasure.io import Column
 from lmeasure.text import Message, composed, message
 
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+NUMBER = r"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?"
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 Span = tuple[int, int]
 UNIT = 1e-3
@@ -33,7 +34,11 @@ class Source:
 
     def line(self, place: int) -> int:
         """The number of the line of a character, from 1."""
-        return self.text.count("\n", 0, place) + 1
+        return bisect_right(self._line_ends, place - 1) + 1
+
+    @cached_property
+    def _line_ends(self) -> list[int]:
+        return [m.start() for m in re.finditer("\n", self.text)]
 
 
 @dataclass(frozen=True)
@@ -282,19 +287,8 @@ def as_written(old: str, value: float, least: int) -> str:
 
 def masked(text: str, comment: str, quotes: str = '"') -> str:
     """The text with comments, from a character to the line's end, and strings as blanks: every other character at its own place."""
-    out, inside = list(text), ""
-    i = 0
-    while i < len(text):
-        c = text[i]
-        if inside:
-            if c == "\n" or (inside in quotes and c == inside):
-                inside = ""
-            if c != "\n":
-                out[i] = " "
-        elif c in comment or c in quotes:
-            inside, out[i] = c, " "
-        i += 1
-    return "".join(out)
+    kinds = [rf"{comment}[^\n]*"] * bool(comment) + [rf"{quote}[^{quote}\n]*{quote}?" for quote in quotes]
+    return re.sub("|".join(kinds), lambda m: " " * len(m[0]), text) if kinds else text
 
 
 def closing(text: str, start: int, pair: str) -> int:

@@ -7,7 +7,10 @@ Poses with external axes elsewhere than at 0 are left.
 
 import math
 import re
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from itertools import zip_longest
 
 import numpy as np
 
@@ -33,15 +36,17 @@ from lmeasure.robot_programs.program import (
 from lmeasure.text import message
 
 _DECLARED = re.compile(
-    r"\b((?:LOCAL\s+|TASK\s+)?)(?:CONST|PERS|VAR)\s+(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(\{[^}]*\})?\s*:=\s*(?=\[)", re.I
+    r"\b((?:LOCAL\s+|TASK\s+)?)(?:CONST|PERS|VAR)\s+(robtarget|jointtarget|tooldata|wobjdata)\s++(\w++)\s*+(\{[^{};]*\})?\s*+:=\s*+(?=\[)",
+    re.I,
 )
-_MODULE = re.compile(r"\bMODULE\b.*?\bENDMODULE\b", re.I | re.S)
-_ROUTINE = re.compile(r"\b(PROC|FUNC|TRAP)\b.*?\bEND\1\b", re.I | re.S)
+_MODULE = re.compile(r"\b(END)?(MODULE)\b", re.I)
+_ROUTINE = re.compile(r"\b(END)?(PROC|FUNC|TRAP)\b", re.I)
 _MOVE = re.compile(r"\b(Move(?:Abs)?(?:J|L|C)(?:DO|AO|GO|Sync)?|Trigg(?:J|L|C)|Search(?:L|C))\b\s*", re.I)
-_ASSIGNED = re.compile(r"(?:^|;|:(?!=)|\bTHEN\b|\bDO\b|\bELSE\b)\s*(\w+)\s*(?:\{[^}]*\}|\.\s*\w+)*\s*:=", re.M | re.I)
-_GIVEN = re.compile(r"(?:^|;|:(?!=)|\bTHEN\b|\bDO\b|\bELSE\b)[ \t]*(\w+|%[^%;\n]*%)(?=[ \t]+(?!:=)([^;]*);)", re.M | re.I)
+_ASSIGNED = re.compile(r"(?:^|;|:(?!=)|\bTHEN\b|\bDO\b|\bELSE\b)[ \t]*+(\w++)[ \t]*+(?:\{[^{};]*\}|\.[ \t]*\w++)*+\s*+:=", re.M | re.I)
+_GIVEN = re.compile(r"(?:^|;|:(?!=)|\bTHEN\b|\bDO\b|\bELSE\b)[ \t]*+(\w++|%[^%;\n]*+%)(?=[ \t]++(?!:=))", re.M | re.I)
+_CALLED = re.compile(r"(?<!\w)(?<!FUNC )(\w++)\s*+\(([^()]*+)\)", re.I)
 _KINDS = r"(?:robtarget|jointtarget|tooldata|wobjdata)"
-_ARGUMENTS = re.compile(r"\b(?:PROC|FUNC\s+\w+)\s+(\w+)\s*\(([^)]*)\)", re.I)
+_ARGUMENTS = re.compile(r"\b(?:PROC|FUNC\s+\w+)\s+(\w+)\s*\(([^()]*+)\)", re.I)
 _OWN = re.compile(rf"\b(?:VAR|PERS)\s+{_KINDS}\s+(\w+)\s*;", re.I)
 _DISPLACED = re.compile(r"\b(PDispOn|PDispSet|EOffsOn|EOffsSet)\b", re.I)
 _WORDS = re.compile(
@@ -65,6 +70,8 @@ class _Reader(Reader):
         self.hidden = [self._hidden(k) for k in range(len(sources))]
         self.loose = any(re.search(r"\bConf[JL]\s*\\\s*Off\b", text, re.I) for text in self.plain)
         self.stated: set[str] = set()
+        self.functions = {m[1].lower() for text in self.plain for m in re.finditer(r"\bFUNC\s+\w+\s+(\w+)", text, re.I)}
+        self.displacement = self._displacement()
 
     def listing(self) -> Listing:
         for k, text in enumerate(self.plain):
@@ -73,8 +80,9 @@ class _Reader(Reader):
         for k, text in enumerate(self.plain):
             self._changed(k, text)
         for k, text in enumerate(self.plain):
-            for m in _MOVE.finditer(text):
-                self._moved(k, m)
+            moves = list(_MOVE.finditer(text))
+            for m, after in zip_longest(moves, moves[1:]):
+                self._moved(k, m, after.start() if after else len(text))
         for point in self.points:
             k, name, used = point.source, point.name, point.used
             if not used:
@@ -87,18 +95,18 @@ class _Reader(Reader):
                 self._take(k, name, point.span, next(iter(used)), point.first or (k, point.span[0]))
         return super().listing()
 
-    def _hidden(self, k: int) -> list[tuple[str, int, int]]:
-        """Names that a routine is given, or has without a value, and where they hide those of the module."""
-        out = []
-        for block in _ROUTINE.finditer(self.plain[k]):
-            names = [m[1] for m in _OWN.finditer(block[0])]
-            for m in _ARGUMENTS.finditer(block[0]):
-                names += re.findall(rf"\b{_KINDS}\s+(\w+)", m[2], re.I)
-            out += [(name.lower(), *block.span()) for name in names]
+    def _hidden(self, k: int) -> set[tuple[str, Span | None]]:
+        """Names that a routine is given, or has without a value, and the routines in which they hide those of the module."""
+        text = self.plain[k]
+        out = {(m[1].lower(), _around(text, _ROUTINE, m.start())) for m in _OWN.finditer(text)}
+        for m in _ARGUMENTS.finditer(text):
+            block = _around(text, _ROUTINE, m.start())
+            out |= {(name.lower(), block) for name in re.findall(rf"\b{_KINDS}\s+(\w+)", m[2], re.I)}
         return out
 
     def _hides(self, k: int, name: str, place: int) -> bool:
-        return any(name.lower() == own and start <= place < stop for own, start, stop in self.hidden[k])
+        block = _around(self.plain[k], _ROUTINE, place)
+        return block is not None and (name.lower(), block) in self.hidden[k]
 
     def _frame_at(self, k: int, name: str, place: int) -> str:
         """The name of a frame; what a routine is given has one that nobody states."""
@@ -111,18 +119,18 @@ class _Reader(Reader):
             self._mark(k, m[1], m.start(1), message("robot_programs.changed_program_3"))
             if not self._hides(k, m[1], m.start(1)):
                 self.moving.setdefault(m[1].lower(), self.where(k, m.start(1)))
-        for m in _GIVEN.finditer(text):
-            at_once = m[1].upper() == "IF" and not re.search(r"\bTHEN\b", m[2], re.I) and not _MOVE.search(m[2])
-            if at_once or not (_MOVE.match(m[1]) or _WORDS.fullmatch(m[1].lower())):
-                for word in re.findall(r"\w+", m[2]):
+        start = 0
+        for end in (m.start() for m in re.finditer(";", text)):
+            if (m := _call(text, start, end)) is not None:
+                for word in re.findall(r"\w+", text[m.end() : end]):
                     self._mark(k, word, m.start(1), message("program.passed", routine=m[1]))
-        for m in re.finditer(r"\bFUNC\s+\w+\s+(\w+)", "\n".join(self.plain), re.I):
-            for call in re.finditer(rf"(?<!\w)(?<!FUNC )\b{m[1]}\s*\(([^()]*)\)", text, re.I):
-                for word in re.findall(r"\w+", call[1]):
-                    self._mark(k, word, call.start(), message("program.passed", routine=m[1]))
+            start = end + 1
+        for call in _CALLED.finditer(text):
+            for word in re.findall(r"\w+", call[2]) if call[1].lower() in self.functions else ():
+                self._mark(k, word, call.start(), message("program.passed", routine=call[1]))
         for point in self.points:
             if point.kind == "robtarget":
-                point.changes(self._displacement())
+                point.changes(self.displacement)
 
     def _displacement(self) -> str:
         for k, text in enumerate(self.plain):
@@ -151,11 +159,8 @@ class _Reader(Reader):
     def _region(self, k: int, m: re.Match[str]) -> Region:
         """Where a declaration is known: its routine, or, where it is local, its module, or everywhere."""
         around = [_ROUTINE, _MODULE] if "LOCAL" in m[1].upper() else [_ROUTINE]
-        for kind in around:
-            for block in kind.finditer(self.plain[k]):
-                if block.start() < m.start() < block.end():
-                    return ((k, *block.span()),)
-        return EVERYWHERE
+        block = next((b for kind in around if (b := _around(self.plain[k], kind, m.start()))), None)
+        return ((k, *block),) if block else EVERYWHERE
 
     def _stated(self, k: int, kind: str, name: str, span: Span) -> None:
         """A tool or a work object; where it cannot be read, moves, or is stated twice, targets in it are left for want of it."""
@@ -189,9 +194,9 @@ class _Reader(Reader):
         values = [v for part in lists[:2] for v, _ in part]
         return None if wrong(values, values[3:]) else _pose(values)
 
-    def _moved(self, k: int, m: re.Match[str]) -> None:
+    def _moved(self, k: int, m: re.Match[str], behind: int) -> None:
         text, move = self.plain[k], m[1].lower()
-        end = text.find(";", m.end())
+        end = text.find(";", m.end(), behind)
         if end < 0:
             self.leave(k, m.start(), message("program.open_instruction", name=m[1]))
             return
@@ -220,7 +225,7 @@ class _Reader(Reader):
                 self.leave(k, start, why)
                 if point is not None:
                     point.changes(message("program.moved_by", why=why))
-            elif operand.startswith("[") and (why := self._displacement()):
+            elif operand.startswith("[") and (why := self.displacement):
                 self.leave(k, start, why, line)
             elif operand.startswith("["):
                 self._take(k, line, (start, start + len(operand) - 1), frames, (k, start))
@@ -272,6 +277,37 @@ class _Reader(Reader):
                 inner.append((float(text[slice(*part)]), part))
             out.append(inner)
         return out
+
+
+def _call(text: str, start: int, end: int) -> re.Match[str] | None:
+    """Return the first word of a statement that calls a routine, or None. What a condition calls is a statement of its own behind THEN."""
+    then = max((m.start() for m in re.finditer(rf"\bTHEN\b|{_MOVE.pattern}", text[start:end], re.I)), default=-1)
+    for m in _GIVEN.finditer(text, start, end):
+        at_once = m[1].upper() == "IF" and m.end() > start + then
+        if at_once or not (_MOVE.match(m[1]) or _WORDS.fullmatch(m[1].lower())):
+            return m
+    return None
+
+
+@lru_cache(maxsize=64)
+def _blocks(text: str, marks: re.Pattern[str]) -> list[Span]:
+    """Return where blocks begin and end, in order: each at the next end of its kind."""
+    found, out, at = list(marks.finditer(text)), list[Span](), 0
+    ends = {word: [m.end() for m in found if m[1] and m[2].upper() == word] for word in {m[2].upper() for m in found}}
+    for m in found:
+        own = ends[m[2].upper()]
+        i = bisect_right(own, m.start())
+        if not m[1] and m.start() >= at and i < len(own):
+            at = own[i]
+            out.append((m.start(), at))
+    return out
+
+
+def _around(text: str, marks: re.Pattern[str], place: int) -> Span | None:
+    """Return the block around a place, or None."""
+    blocks = _blocks(text, marks)
+    i = bisect_right(blocks, (place, len(text))) - 1
+    return blocks[i] if i >= 0 and place < blocks[i][1] else None
 
 
 _pose, _numbers = of_quaternion((1, 2, 3, 0))

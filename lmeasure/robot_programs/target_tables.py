@@ -7,6 +7,7 @@ has one. RoboDK: `J1` ... [deg], or `X, Y, Z` [mm] with `Rx, Ry, Rz` [deg] of it
 
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -68,7 +69,7 @@ def _passed_over(line: str) -> bool:
 def _column(word: str) -> str:
     """The name of a column, without the unit behind it in brackets where that is the one that is taken for granted."""
     name = word.strip().lower()
-    plain = re.fullmatch(r"(.+?)\s*[\[(](mm|deg|\xb0|\xc2\xb0)[\])]", name)
+    plain = re.fullmatch(r"(.*\S)\s*+[\[(](mm|deg|\xb0|\xc2\xb0)[\])]", name)
     return plain[1] if plain and (plain[2] == "mm") == (plain[1] in ROBODK_PLACE) else name
 
 
@@ -110,7 +111,7 @@ def _rows(k: int, turn: tuple[str, ...], place: tuple[str, ...], mapping: Rename
     text, header, sizes = reader.sources[k].text, list[str](), dict[str, float]()
     at = len(BOM) if text.startswith(BOM) else 0
     separator = max(",;\t", key=header_line(text).count)
-    wanted, posed, number = list[str](), False, 0
+    wanted, often, posed, number = list[str](), Counter[str](), False, 0
     for raw in text[at:].split("\n"):
         start, at = at, at + len(raw) + 1
         if _passed_over(raw):
@@ -121,6 +122,7 @@ def _rows(k: int, turn: tuple[str, ...], place: tuple[str, ...], mapping: Rename
             header, sizes = [name for name, _ in named], dict(named)
             posed = all(c in header for c in (*place, *turn))
             wanted = [*place, *turn] if posed else [h for h in header if _JOINT.fullmatch(h)]
+            often = Counter(header)
             continue
         number += 1
         row = dict(zip(header, cells, strict=False))
@@ -134,7 +136,7 @@ def _rows(k: int, turn: tuple[str, ...], place: tuple[str, ...], mapping: Rename
         why = ""
         if not wanted:
             why = message("program.neither", columns=(*place, *turn))
-        elif twice := [c for c in wanted if header.count(c) > 1]:
+        elif twice := [c for c in wanted if often[c] > 1]:
             why = message("program.two_columns", name=twice[0])
         elif len(cells) != len(header):
             why = message("robot_programs.cells_under_columns", cells=len(cells), of=len(header))

@@ -6,6 +6,7 @@ way to it. The tool is what the last set_tcp before the line sets, else `tcp`, t
 """
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -18,18 +19,20 @@ from lmeasure.robot_programs.frame_flow import Event, State, states
 from lmeasure.robot_programs.program import NUMBER, Dialect, Listing, Reader, Source, Span, Target, closing, numbers_in, pieces, wrong
 from lmeasure.text import composed, message
 
-_SET = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*=\s*(p?)(?=\[)", re.M)
-_ASSIGNED = re.compile(r"^[ \t]*(?:global\s+|local\s+)?(\w+)\s*(?:\[[^\]]*\]\s*)?=(?!=)", re.M)
+_SET = re.compile(r"^[ \t]*(?:global\s++|local\s++)?(\w++)\s*+=\s*+(p?)(?=\[)", re.M)
+_ASSIGNED = re.compile(r"^[ \t]*(?:global\s++|local\s++)?(\w++)\s*+(?:\[[^\]\n]*+\]\s*+)?=(?!=)", re.M)
 _BLOCK = re.compile(
     r"^[ \t]*(?:(?:def|thread|sec)\s+(?P<def>\w+)|(?P<block>if|elif|else|while)\b|(?P<leaves>break|continue|return|halt)\b)"
     r"|\b(?P<end>end)\b",
     re.M,
 )
-_DEFINED = re.compile(r"^[ \t]*(?:def|thread|sec)\s+(\w+)\s*\(([^)]*)\)", re.M)
+_DEFINED = re.compile(r"^[ \t]*(?:def|thread|sec)\s+(\w+)\s*\(([^()]*+)\)", re.M)
 _CALL = re.compile(r"\b(set_tcp|movej|movel|movep|movec|servoj|servoc)\s*(?=\()")
 _MOVED_ALONG = re.compile(
     r"\b(?:(track_conveyor_linear|track_conveyor_circular|path_offset_enable)|stop_conveyor_tracking|path_offset_disable)\s*\("
 )
+_CALLED = re.compile(r"(\b(?:def|thread|run)\s++)?\b(\w++)\s*+\(")
+_ALONE = re.compile(r"[^\S\n]*+(?:\n|\Z)")
 _TARGET_KEYS = "q", "pose", "pose_via", "pose_to"
 _TRANS = re.compile(r"pose_trans\s*(?=\()")
 _INVERSE = re.compile(r"get_inverse_kin\s*(?=\()")
@@ -63,20 +66,24 @@ class _Script:
         self.k, self.reader, self.source, self.frames, self.text = k, reader, reader.sources[k], reader.frames, reader.plain[k]
         self.named: dict[str, _Literal] = {}
         self.aside: set[str] = set()
+        self.tools: dict[bytes, str] = {}
+        self.passed = 0
 
     def read(self) -> None:
         text = self.text
         # what a function is given has its names
         taken = {name for m in _DEFINED.finditer(text) for name in re.findall(r"\w+", m[2])}
-        often = [m[1] for m in _ASSIGNED.finditer(text)]
+        often = Counter(m[1] for m in _ASSIGNED.finditer(text))
         for m in _SET.finditer(text):
             end = closing(text, m.end(), "[]")
-            alone = end > 0 and not text[end + 1 :].split("\n", 1)[0].strip()
-            if alone and often.count(m[1]) == 1 and m[1] not in taken:
+            if end > 0 and _ALONE.match(text, end + 1) and often[m[1]] == 1 and m[1] not in taken:
                 self.named[m[1]] = _Literal(m[2] == "p", (m.end(), end + 1))
         events, moves = self._blocks(), dict[int, tuple[str, list[Span]]]()
+        within = 0
         for m in _CALL.finditer(text):
-            end = closing(text, m.end(), "()")
+            if m.start() < within:
+                continue  # in brackets of another: no motion
+            within = end = closing(text, m.end(), "()")
             if end < 0:
                 self.leave(m.start(), message("program.call_open", name=m[1]))
                 continue
@@ -133,9 +140,11 @@ class _Script:
                 events.append(Event(place, "finish" if inside and inside.pop() else "close"))
             else:
                 events.append(Event(place, "exit" if word == "break" else "next" if word == "continue" else "return"))
-        defined = "|".join(sorted({re.escape(m[1]) for m in _DEFINED.finditer(self.text)}))
-        for m in re.finditer(rf"(\b(?:def|thread|run)\s+)?\b({defined})\s*\(", self.text) if defined else ():
+        defined = {m[1] for m in _DEFINED.finditer(self.text)}
+        for m in _CALLED.finditer(self.text):
             word, place = (m[1] or "").strip(), m.start(2)
+            if m[2] not in defined:
+                continue
             if word == "run":
                 events += [Event(place, "branch"), Event(place, "call", m[2]), Event(place, "close")]
             elif not word:
@@ -144,7 +153,10 @@ class _Script:
         return events
 
     def _passed(self, function: str, place: int, given: Span) -> None:
-        """Names that a function is given: where it moves to them is not determined."""
+        """Names that a function is given: where it moves to them is not determined. Calls within calls are of the outer one."""
+        if place < self.passed:
+            return
+        self.passed = given[1] if given[1] > 0 else len(self.text)
         for name in re.findall(r"\w+", self.text[slice(*given)]):
             if name in self.named:
                 self.named[name].changed = message(
@@ -162,8 +174,7 @@ class _Script:
         name: str = message("robot_programs.set_tcp_of", where=self.reader.where(self.k, argument[0]))
         found = self._pose_of(argument)
         if found is not None:
-            # one that is set again is the same
-            name = next((n for n, f in self.frames.items() if n.startswith("set_tcp") and np.array_equal(f, found)), name)
+            name = self.tools.setdefault(found.tobytes(), name)  # one that is set again is the same
             self.frames[name] = found
             if word in self.named:
                 self.frames[word] = found

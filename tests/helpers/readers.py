@@ -6,6 +6,7 @@ import json
 import math
 import re
 import resource
+import signal
 import struct
 import time
 import tomllib
@@ -41,6 +42,8 @@ from lmeasure.workflows import init
 
 HERE = Path(__file__).parents[1]
 SECRET = "nobody's business 4711"
+REPEATED = 200_000
+"""Letters of a word that is repeated."""
 LONGEST_S = 5.0
 """Processor time that any attempt may take."""
 POSES = b"pose,x_mm,y_mm,z_mm,qx,qy,qz,qw\n1,0,0,0,0,0,0,1\n2,100,0,0,0,0,0,1\n3,0,100,0,0,0,0,1\n"
@@ -310,6 +313,21 @@ def _xml(right: bytes) -> Iterator[bytes]:
                 yield (text[: found.start(1)] + bad.replace('"', "").replace("\0", "") + text[found.end(1) :]).encode()
 
 
+def _repeated(right: bytes) -> Iterator[bytes]:
+    """Yield each word and line of a right file many times over: a reader that looks on from every place never ends with them."""
+    if b"\0" in right[:1000]:
+        return
+    words = dict.fromkeys(re.findall(r"\w+|\S", right[:3000].decode("latin-1")))
+    for word in list(words)[:: max(len(words) // 20, 1)]:
+        for unit in (word, f"{word} ", f"{word}\n", f"{word}("):
+            yield (unit * (REPEATED // len(unit))).encode("latin-1")
+        for filler in (" ", "\n", "9"):
+            yield right + f"\n{word}{filler * REPEATED}{word}!".encode("latin-1")
+    for line in dict.fromkeys(right.splitlines()[:30]):
+        yield right + (line + b"\n") * (REPEATED // (len(line) + 1))
+        yield right + line[:-1] * (REPEATED // (len(line) + 1))
+
+
 def _bytes(right: bytes) -> Iterator[bytes]:
     rng = np.random.default_rng(len(right))
     for part in range(10):
@@ -395,9 +413,17 @@ def _zip(right: bytes) -> Iterator[bytes]:
 
 
 KINDS: dict[str, tuple[Callable[[bytes], Iterator[bytes]], ...]] = {
-    "toml": (_texts, _toml), "json": (_texts, _json), "csv": (_texts, _csv), "xml": (_texts, _xml), "log": (_texts, _lines, _bytes),
+    "toml": (_texts, _toml), "json": (_texts, _json), "csv": (_texts, _csv), "xml": (_texts, _xml), "log": (_texts, _lines, _repeated, _bytes),
     "binary": (_texts, _bytes), "hdf5": (_bytes, _hdf5), "zip": (_bytes, _zip),
 }  # fmt: skip
+
+
+class TooLong(BaseException):
+    """Ends an attempt, whatever the reader catches."""
+
+
+def _too_long(*_: object) -> None:
+    raise TooLong
 
 
 def attempts(reader: Reader) -> Iterator[bytes]:
@@ -416,6 +442,8 @@ def judged(reader: Reader, content: bytes, folder: Path) -> str:
     path.write_bytes(content.replace(b"SECRET", str(secret).encode()) if reader.kind == "xml" else content)
     begun, memory = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     text = ""
+    signal.signal(signal.SIGPROF, _too_long)
+    signal.setitimer(signal.ITIMER_PROF, 2.0 * LONGEST_S)
     try:
         read = reader.read(path)
         if SECRET in repr(read)[:100_000]:
@@ -426,6 +454,8 @@ def judged(reader: Reader, content: bytes, folder: Path) -> str:
             return f"no line: {text[:200]!r}"
     except BaseException as error:
         return f"{type(error).__name__}: {str(error)[:200]}"
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
     took, grown = time.process_time() - begun, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory) / 1024.0
     if took > LONGEST_S:
         return f"{took:.1f} s of processor"

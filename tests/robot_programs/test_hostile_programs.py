@@ -12,6 +12,7 @@ from programs import FOLDER, WHOLE, listed
 from typer.testing import CliRunner
 
 from lmeasure.cli.app import app
+from lmeasure.core import RobotError
 from lmeasure.robot_programs.program import rewritten
 
 ENDS = {"krl": "a.src", "rapid": "a.mod", "fanuc": "a.ls", "ur-script": "a.script", "csv": "a.csv", "robodk": "a.csv"}
@@ -173,6 +174,27 @@ def test_how_a_program_is_written_down_does_not_matter(name: str, change: str) -
     assert (after.lower(), len(after)) == (before.lower(), len(before))
 
 
+NESTED = {"krl": ("LOOP\n", f"LIN {{{P}}}\n", "ENDLOOP\n"), "ur-script": ("while x:\n", f"movel(p[{U}])\n", "end\n")}
+
+
+@pytest.mark.parametrize("name", NESTED)
+def test_deeply_nested_programs_are_read_or_refused(name: str) -> None:
+    begin, move, end = NESTED[name]
+    _, listing = listed(name, ((ENDS[name], 60 * begin + move + 60 * end),))
+    assert len(listing.targets) == 1
+    with pytest.raises(RobotError, match="too deeply nested"):
+        listed(name, ((ENDS[name], 5000 * begin + move),))
+
+
+def test_numbers_of_thousands_of_digits_are_left() -> None:
+    digits = "9" * 5000
+    for name, text in (
+        ("krl", f"BAS(#BASE,{digits})\n$BASE=BASE_DATA[{digits}]\n"),
+        ("fanuc", fanuc(f"L P[{digits}] 1mm/sec FINE|L P[\xb2] FINE", "")),
+    ):
+        assert not listed(name, ((ENDS[name], text),))[1].targets
+
+
 MARKS = list("[]{}()\"'!;#=,:*\n\r\t\0\\.-+") + ["E1 5", "\xff", "END", "ENDIF", "1e999", "PROC x()", "def f():", "/POS", "//"]
 
 
@@ -195,6 +217,7 @@ def test_broken_bytes_never_end_in_a_fault_and_are_never_guessed(name: str, seed
     except AssertionError:  # a table whose header is gone is of the other kind
         return
     assert rewritten(listing, dialect, {i: t.values for i, t in enumerate(listing.targets)}) == tuple(texts.values())
+    assert all(u.line >= 1 and "\n" not in str(u) for u in listing.unread)
     for target in listing.stated({}).targets:
         text = listing.sources[target.source].text
         assert tuple(float(text[slice(*s)].replace(",", ".")) for s in target.spans) == target.values

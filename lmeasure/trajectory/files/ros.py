@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lmeasure.core import FileFormatError, FloatArray, IntArray, TrajectoryError, how_to_install
+from lmeasure.core import FileFormatError, FloatArray, IntArray, LMeasureError, TrajectoryError, how_to_install
 from lmeasure.io import files, open_regular
 from lmeasure.text import Message, message, reason
 from lmeasure.trajectory.files.trajectory import Trajectory
@@ -107,7 +107,6 @@ def read_messages(path: Path, topic: str | None = None) -> Messages:
     FileFormatError where the file is none, or where there are none or several such topics and none is named.
     """
     try:
-        from mcap.exceptions import McapError
         from mcap.reader import make_reader
     except ImportError as error:
         raise TrajectoryError(message("error.mcap_needs_the_package", where=path, install=how_to_install("ros"))) from error
@@ -118,7 +117,9 @@ def read_messages(path: Path, topic: str | None = None) -> Messages:
                 kind = "" if schema is None else schema.name.rsplit("/", 1)[-1]
                 if kind in POSES and channel.message_encoding in ("cdr", "ros1"):
                     found.setdefault(channel.topic, []).append(_pose_in(one.data, channel.message_encoding == "cdr", POSES[kind]))
-    except (McapError, struct.error, ValueError, EOFError) as error:
+    except LMeasureError:
+        raise
+    except Exception as error:  # whatever the reader and the unpackers make of a broken file
         raise FileFormatError(message("error.cannot_be_read_as_mcap", where=path, error=_why(error))) from None
     if topic is None and len(found) == 1:
         topic = next(iter(found))
