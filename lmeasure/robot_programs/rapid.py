@@ -121,9 +121,9 @@ class _Reader(Reader):
                 self.moving.setdefault(m[1].lower(), self.where(k, m.start(1)))
         start = 0
         for end in (m.start() for m in re.finditer(";", text)):
-            if (m := _call(text, start, end)) is not None:
-                for word in re.findall(r"\w+", text[m.end() : end]):
-                    self._mark(k, word, m.start(1), message("program.passed", routine=m[1]))
+            if (routine := _call(text, start, end)) is not None:
+                for word in re.findall(r"\w+", text[routine.end() : end]):
+                    self._mark(k, word, routine.start(1), message("program.passed", routine=routine[1]))
             start = end + 1
         for call in _CALLED.finditer(text):
             for word in re.findall(r"\w+", call[2]) if call[1].lower() in self.functions else ():

@@ -413,8 +413,8 @@ def _zip(right: bytes) -> Iterator[bytes]:
 
 
 KINDS: dict[str, tuple[Callable[[bytes], Iterator[bytes]], ...]] = {
-    "toml": (_texts, _toml), "json": (_texts, _json), "csv": (_texts, _csv), "xml": (_texts, _xml), "log": (_texts, _lines, _repeated, _bytes),
-    "binary": (_texts, _bytes), "hdf5": (_bytes, _hdf5), "zip": (_bytes, _zip),
+    "toml": (_texts, _toml), "json": (_texts, _json), "csv": (_texts, _csv), "xml": (_texts, _xml),
+    "log": (_texts, _lines, _repeated, _bytes), "binary": (_texts, _bytes), "hdf5": (_bytes, _hdf5), "zip": (_bytes, _zip),
 }  # fmt: skip
 
 
