@@ -26,9 +26,7 @@ settings.load_profile("unhurried")
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
-    """With several workers, a test marked `live` goes before what the others do, or runs alone."""
-    if "PYTEST_XDIST_WORKER" not in os.environ:
-        return (yield)
+    """A test marked `live` goes before what other workers and programs do, or runs alone."""
     with turn(item.config.rootpath / ".pytest_cache" / "turns", item.get_closest_marker("live") is not None):
         return (yield)
 

@@ -8,8 +8,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from lmeasure.accuracy import zone_surface
+from lmeasure.core import FloatArray
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 AXIS = np.linspace(-400.0, 400.0, 33)

@@ -154,17 +154,6 @@ def test_limits_asked_for_are_kept_and_named() -> None:
     assert held["rejected_because"].attrs["flag_meanings"].split() == list(REASONS)
 
 
-@pytest.mark.parametrize("span", [(0, 10, 3), (0, 10, 0), (10, 0, 1), (0, float("nan"), 1), (0, 1, -1)])
-def test_axis_that_cannot_be_is_refused(span: tuple[float, float, float]) -> None:
-    with pytest.raises(AccuracyError, match=":"):
-        axis(*span)
-
-
-def test_axis_includes_both_ends() -> None:
-    np.testing.assert_allclose(axis(-0.3, 0.3, 0.1), [-0.3, -0.2, -0.1, 0, 0.1, 0.2, 0.3], atol=1e-15)
-    assert len(axis(5, 5, 1)) == 1
-
-
 def test_rig_that_cannot_tell_a_pose_is_refused() -> None:
     rig = published()
     short = rig.model_copy(update={"cable": rig.cable[:5]})

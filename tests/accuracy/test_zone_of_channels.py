@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 from typer.testing import CliRunner
@@ -18,12 +17,11 @@ from lmeasure.accuracy.readings import worst_figures
 from lmeasure.accuracy.scan import Plan, run
 from lmeasure.accuracy.zone import make_plan
 from lmeasure.cli.app import app
-from lmeasure.core import AccuracyError, RigError
+from lmeasure.core import AccuracyError, FloatArray, RigError
 from lmeasure.kernels import BASE, BODY_COLUMNS, LONGEST, SHORTEST, SPEED2, U95_POSITION
 from lmeasure.recording import Program
 from lmeasure.rig import Rig, read_rig, rig_from_dict
 
-FloatArray = NDArray[np.float64]
 AUTHORITY = Path(__file__).parent.parent / "authorities" / "truth"
 PLACE = np.array([80.0, -60.0, 40.0])
 TURN = Rotation.from_rotvec([0.1, -0.05, 0.08])

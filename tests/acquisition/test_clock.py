@@ -5,12 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from lmeasure.acquisition import Imported, import_logs, scan_log
+from lmeasure.core import FloatArray
 from lmeasure.rig import Rig, read_rig, rig_from_dict
 
-FloatArray = NDArray[np.float64]
 CASES = Path(__file__).parent.parent / "authorities"
 STEPS = np.array([10, -14, 30, -28, 50, -42])
 """Counts of each channel per period."""

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 from feed_process import UNSENT
 from test_buses import a_group, feeding
 from typer.testing import CliRunner
@@ -19,10 +20,13 @@ from lmeasure.recording import read_run
 from lmeasure.rig import read_rig, rig_from_dict, write_rig
 from lmeasure.trajectory import reconstruct
 
+pytestmark = pytest.mark.live
+
 TRUTH = Path(__file__).parent.parent / "authorities" / "truth" / "swivel-run"
 RATE_HZ = 200.0
 SILENT = slice(150, 260)
 """Samples that one of the encoders does not send."""
+AT_REST = 800
 
 
 def test_twelve_channels_are_recorded_live_without_a_start(tmp_path: Path) -> None:
@@ -46,7 +50,7 @@ def test_twelve_channels_are_recorded_live_without_a_start(tmp_path: Path) -> No
     command = [sys.executable, "-m", "lmeasure", "record", "--rig", "rig.toml", "--out", "run", "--live", "--seconds", "60"]
     command += ["--bus", f"udp_multicast:{group['channel']}", "--bus-option", f"port={group['port']}"]
     with (
-        feeding("udp_multicast", sent, RATE_HZ, group, tmp_path) as (_, encoders),
+        feeding("udp_multicast", sent, RATE_HZ, group | {"hold": 1}, tmp_path) as (_, encoders),
         subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process,
     ):
         while not (tmp_path / "run" / "run.toml").exists() and process.poll() is None:
@@ -54,9 +58,9 @@ def test_twelve_channels_are_recorded_live_without_a_start(tmp_path: Path) -> No
         assert encoders.stdin is not None
         encoders.stdin.write("go\n")
         encoders.stdin.flush()
-        encoders.wait()
-        time.sleep(0.5)
-        # a bus that has been silent for two seconds shows no pose
+        # the tool rests at the end of its way until the pose has surely been found, also by a busy machine
+        while (tmp_path / "run" / "pass1.csv").read_text().count("\n") < len(counts) + AT_REST and process.poll() is None:
+            time.sleep(0.05)
         process.send_signal(signal.SIGINT)
         said, live = process.communicate()
     assert process.returncode == 0, live
@@ -64,9 +68,11 @@ def test_twelve_channels_are_recorded_live_without_a_start(tmp_path: Path) -> No
     assert "pose: (" in live
     run = read_run(tmp_path / "run")
     assert run.start is None
+    moving, recorded = len(counts), run.passes[0].recorded
+    counts = counts[np.minimum(np.arange(len(recorded)), moving - 1)]
     missing = np.full(counts.shape, fill_value=False)
     missing[SILENT, 9] = True
-    np.testing.assert_array_equal(run.passes[0].recorded, np.where(missing, np.nan, counts))
+    np.testing.assert_array_equal(recorded, np.where(missing, np.nan, counts))
     found = reconstruct(run)
     assert (found.status == Status.OK).all()
     silent = run.rig.observed[9].name
@@ -76,10 +82,10 @@ def test_twelve_channels_are_recorded_live_without_a_start(tmp_path: Path) -> No
     reported = reconstruct(even)
     assert set(reported.cable[SILENT]) == {silent}, "\n".join(map(str, reported.notes))
     truth = np.loadtxt(TRUTH / "truth.csv", delimiter=",", skiprows=1)[::5, 1:]
-    assert np.abs(displacement(found.poses, truth)[:, 3:]).max() < 0.05
+    assert np.abs(displacement(found.poses[:moving], truth)[:, 3:]).max() < 0.05
     # the log that was recorded, imported as if it came from elsewhere
     done = CliRunner().invoke(
         app, ["import", str(tmp_path / "run" / "pass1.log"), "--rig", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "again")]
     )
     assert done.exit_code == 0, done.output
-    np.testing.assert_array_equal(read_run(tmp_path / "again").passes[0].recorded, run.passes[0].recorded)
+    np.testing.assert_array_equal(read_run(tmp_path / "again").passes[0].recorded, recorded)

@@ -7,7 +7,6 @@ from dataclasses import replace
 import can
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from rigged_feed import PER_SAMPLE, cell, frames_of, motion, order_of
 
 from lmeasure.acquisition import counter_fields
@@ -15,8 +14,6 @@ from lmeasure.acquisition.bus.frames import Frames, TimestampSource, frames_from
 from lmeasure.acquisition.counters.assembly import counts_from_frames, new_assembler
 from lmeasure.acquisition.counters.samples import SyncAssembler
 from lmeasure.rig import rig_from_dict
-
-FloatArray = NDArray[np.float64]
 
 RIG = cell()
 COUNTS = motion(RIG)

@@ -101,13 +101,6 @@ def test_a_name_that_is_not_there() -> None:
     assert not hasattr(lm, "measure")
 
 
-def test_import_brings_nothing_heavy() -> None:
-    heavy = "{'numpy', 'scipy', 'pandas', 'pyarrow', 'numba', 'pydantic', 'rerun', 'plotly', 'can', 'xarray'}"
-    code = f"import sys, lmeasure, lmeasure.cli.app; print(sorted({heavy} & set(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-
-
 def test_zones_and_trajectories_load_no_statistics_before_they_use_them() -> None:
     """SciPy's take half a second, and a map of six cables or a run of them asks none."""
     code = "import sys, lmeasure.accuracy.zone, lmeasure.trajectory; print('scipy.stats' in sys.modules)"

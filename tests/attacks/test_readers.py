@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from readers import attempts, judged, readers
 
-QUICK = ("any toml", "bodies", "run", "calibration", "counts", "poses", "table", "zone", "parquet", "urdf", "dcc", "rig", "robot")
+QUICK = ("any toml", "bodies", "run", "pass", "calibration", "counts", "poses", "table", "zone", "parquet", "urdf", "dcc", "rig", "robot")
 """Readers that the suite attacks; the marked test attacks all."""
 
 

@@ -4,16 +4,15 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from real_rig import scattered
 from real_world import Case, Made, make
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import Calibration, Campaign, calibrate
+from lmeasure.core import FloatArray
 from lmeasure.rig import Rig
 from lmeasure.sensors import span_lengths
 
-FloatArray = NDArray[np.float64]
 SLIPS = {"columns", "outlier", "exchanged_poses", "angles", "sign", "scale", "swapped", "attachment", "slip", "pass"}
 
 

@@ -5,14 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import real_rig
-from numpy.typing import NDArray
 from test_unsolved import nominal, truth
 
 from lmeasure.calibration import Campaign, calibrate
+from lmeasure.core import FloatArray
 from lmeasure.recording import Poses
 from lmeasure.rig import rig_from_dict
-
-FloatArray = NDArray[np.float64]
 
 
 def campaign(temperature_c: FloatArray | None = None) -> Campaign:

@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial.transform import Rotation
 from test_with_encoders import campaign_of as campaign_at, swivelled
@@ -20,13 +19,12 @@ from lmeasure.calibration.campaign.known_lengths import distance_of
 from lmeasure.calibration.solve.frame import model_of
 from lmeasure.calibration.solve.run_samples import campaign_of
 from lmeasure.cli.app import app
-from lmeasure.core import CalibrationError, se3
+from lmeasure.core import CalibrationError, FloatArray, se3
 from lmeasure.recording import Run, read_run, write_run
 from lmeasure.rig import CalibrationRecord, Rig, rig_from_dict, value_of, with_values
 from lmeasure.sensors import phased, stated
 from lmeasure.simulation import Leg, simulate_run, smooth_path
 
-FloatArray = NDArray[np.float64]
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 

@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import CalibrationSettings, Model, calibrate, mean_variance, pooled_scatter, read_campaign, unknowns_of
 from lmeasure.calibration.campaign.dwells import noise_of, rounding_left
 from lmeasure.calibration.solve.noise import Noise
-from lmeasure.core import CalibrationError, FileFormatError
+from lmeasure.core import CalibrationError, FileFormatError, FloatArray
 from lmeasure.io import write_table
 from lmeasure.io.tables import read_table
 from lmeasure.recording import read_poses
@@ -21,7 +20,6 @@ from lmeasure.sensors import counts_from_poses
 from lmeasure.simulation import cell_rig, write_campaign
 from lmeasure.simulation.instrument import simulate_campaign
 
-FloatArray = NDArray[np.float64]
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 
 

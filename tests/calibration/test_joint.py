@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -17,7 +16,7 @@ from lmeasure.calibration.solve.frame import model_of, motions, moved
 from lmeasure.calibration.solve.joint_estimation import solve_jointly
 from lmeasure.calibration.solve.unknown_poses import free_components
 from lmeasure.cli.app import app
-from lmeasure.core import CalibrationError
+from lmeasure.core import CalibrationError, FloatArray
 from lmeasure.io import write_table
 from lmeasure.io.tables import read_table
 from lmeasure.recording import read_poses
@@ -26,7 +25,6 @@ from lmeasure.sensors import span_lengths
 from lmeasure.simulation import cell_rig, write_campaign
 from lmeasure.simulation.instrument import simulate_campaign
 
-FloatArray = NDArray[np.float64]
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 PLACES = {"B7": (1500.0, 900.0, 300.0), "B8": (600.0, -1500.0, 1200.0)}
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.optimize
-from numpy.typing import NDArray
 from random_campaigns import Drawn, draw, true_unknowns
 from scipy.spatial.transform import Rotation
 
@@ -17,13 +16,11 @@ from lmeasure.calibration.solve.joint_estimation import solve_jointly
 from lmeasure.calibration.solve.unknown_poses import counted_poses, free_components
 from lmeasure.calibration.validation.compare import Earlier
 from lmeasure.calibration.validation.hold_out import deletion_residuals, shifted_lengths
-from lmeasure.core import CalibrationError
+from lmeasure.core import CalibrationError, FloatArray
 from lmeasure.estimation import Deletion, Fit, fit
 from lmeasure.recording import read_poses, write_poses
 from lmeasure.rig import CalibrationRecord, Input
 from lmeasure.sensors import counts_from_poses
-
-FloatArray = NDArray[np.float64]
 
 POINT: dict[str, Any] = {"points": 6, "poses": 24, "attachments": 1, "off": (3.0, 0.0), "spread": (500.0, 0.3)}
 FEW = POINT | {"poses": 16}

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from test_laws_of_residuals import POSES, campaign_of
 from test_with_encoders import swivelled
@@ -15,10 +14,10 @@ from lmeasure.calibration import Campaign, Model, unknowns_of
 from lmeasure.calibration.solve.frame import model_of
 from lmeasure.calibration.solve.residuals import parameters_of
 from lmeasure.calibration.solve.unknowns import rig_with
+from lmeasure.core import FloatArray
 from lmeasure.rig import rig_from_dict
 from lmeasure.sensors import ARM_MM
 
-FloatArray = NDArray[np.float64]
 COUNT_MM, TICK_MM = 0.012, 2.0 * np.pi / 131072 * ARM_MM
 REFERENCE = np.array([0, 1, 2, 3, 1, 2])
 """The last two poses are later visits of earlier ones."""

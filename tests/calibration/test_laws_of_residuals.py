@@ -5,18 +5,16 @@ from dataclasses import replace
 import numpy as np
 import oracles
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from test_with_encoders import swivelled
 
 from lmeasure.calibration import Campaign, Model, unknowns_of
 from lmeasure.calibration.solve.frame import model_of
-from lmeasure.core import se3
+from lmeasure.core import FloatArray, se3
 from lmeasure.recording import Poses
 from lmeasure.rig import GROUPS, Rig, SensorChannel, rig_from_dict
 from lmeasure.sensors import counts_from_poses
 
-FloatArray = NDArray[np.float64]
 PARTS = ("run-out", "eccentricity", "offset", "diameter", "backlash", "tilt")
 PLAIN = ("position", "guide", "radius", "scale", "tangent", "axial", "attachment", "pitch")
 POSES = 6

@@ -6,21 +6,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from random_campaigns import Drawn, draw, true_values
 from scipy.stats import chi2
 from zeroed import exactly, zeroed_exactly
 
 from lmeasure.calibration import Campaign, Instrument, Model, of_cables, read_campaign, unknowns_of
 from lmeasure.calibration.campaign.dwells import rounding_left
+from lmeasure.core import FloatArray
 from lmeasure.estimation import fit, regions
 from lmeasure.io import write_table
 from lmeasure.recording import pose_columns, poses_from_rows
 from lmeasure.rig import Rig, rig_from_dict, write_rig
 from lmeasure.sensors import counts_from_poses
 from lmeasure.simulation import cell_rig, scattered_poses
-
-FloatArray = NDArray[np.float64]
 
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 COUNT = 0.012

@@ -7,18 +7,15 @@ import numpy as np
 import pytest
 import real_rig
 import scipy.stats
-from numpy.typing import NDArray
 from test_unsolved import delta, drawn_flaws, run_of, stating
 
 from lmeasure import covariances
 from lmeasure.calibration import CalibrationSettings, Campaign, calibrate
-from lmeasure.core import FileFormatError
+from lmeasure.core import FileFormatError, FloatArray
 from lmeasure.recording import Poses, Run
 from lmeasure.rig import CalibrationRecord, read_calibration_record, write_calibration_record
 from lmeasure.sensors import cable_covariance, unsolved_columns
 from lmeasure.trajectory import reconstruct
-
-FloatArray = NDArray[np.float64]
 
 DRAWS = 5
 U_MM, U_RAD = 0.02, 1e-4

@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import CalibrationSettings, Campaign, Model, calibrate, read_campaign, unknowns_of
 from lmeasure.calibration.validation.hold_out import deletion_residuals
-from lmeasure.core import FileFormatError
+from lmeasure.core import FileFormatError, FloatArray
 from lmeasure.estimation import fit
 from lmeasure.io import write_table
 from lmeasure.io.tables import read_table
@@ -21,7 +20,6 @@ from lmeasure.sensors import counts_from_poses
 from lmeasure.simulation import cell_rig, write_campaign
 from lmeasure.simulation.instrument import simulate_campaign
 
-FloatArray = NDArray[np.float64]
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 RIG = cell_rig(3)
 

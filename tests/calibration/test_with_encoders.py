@@ -9,20 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import CalibrationSettings, Campaign, Instrument, Model, calibrate, read_campaign, unknowns_of
 from lmeasure.calibration.solve.frame import condition, free_motions, model_of, motions, moved
-from lmeasure.core import CalibrationError, FileFormatError
+from lmeasure.core import CalibrationError, FileFormatError, FloatArray
 from lmeasure.estimation import parameter_information
 from lmeasure.recording import Poses
 from lmeasure.rig import GUIDE, PLACE, Rig, rig_from_dict, with_values
 from lmeasure.sensors import counts_from_poses, drawn_phases, recorded_from_counts, span_lengths
 from lmeasure.simulation import cell_rig
 
-FloatArray = NDArray[np.float64]
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth" / "swivel-12-poses"
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from campaigns import write_campaign
-from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from lmeasure.certificate import (
@@ -26,11 +25,10 @@ from lmeasure.certificate import (
 )
 from lmeasure.certificate.content import METHOD
 from lmeasure.cli.app import app
-from lmeasure.core import LMeasureError
+from lmeasure.core import FloatArray, LMeasureError
 from lmeasure.iso9283 import CertificationSettings
 from lmeasure.report import Choices, write_certificate
 
-FloatArray = NDArray[np.float64]
 POSES = ("P1", "P2", "P3", "P4", "P5")
 
 

@@ -156,17 +156,3 @@ def test_a_recording_must_be_named_as_one(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "does not end in .rrd" in done.stderr
     assert list(tmp_path.iterdir()) == []
-
-
-def test_disk_full_leaves_no_half_file(tmp_path: Path) -> None:
-    """A limit on the size of files stands for a full disk."""
-    limit = (
-        "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (500000, 500000)); sys.argv = sys.argv[1:]; "
-        "runpy.run_module('lmeasure', run_name='__main__')"
-    )
-    arguments = ["lmeasure", "reconstruct", TRUTH / "cell-run", "--out", tmp_path / "t.parquet", "--rerun", tmp_path / "t.rrd"]
-    done = subprocess.run([sys.executable, "-c", limit, *map(str, arguments)], capture_output=True, text=True)
-    assert done.returncode == 1
-    assert "t.rrd: cannot be written" in done.stderr
-    assert "Traceback" not in done.stderr
-    assert {p.name for p in tmp_path.iterdir()} <= {"t.parquet"}

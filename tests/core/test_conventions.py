@@ -4,14 +4,11 @@ import numpy as np
 import oracles
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from lmeasure.core import CONVENTIONS, FileFormatError, angles_from_rotation, convention, rotation_from_angles
+from lmeasure.core import CONVENTIONS, FileFormatError, FloatArray, angles_from_rotation, convention, rotation_from_angles
 from lmeasure.core.conventions import DEFAULT, OF_DOCUMENTS
-
-FloatArray = NDArray[np.float64]
 
 
 def written_out(name: str, angles: FloatArray) -> FloatArray:

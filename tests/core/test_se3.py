@@ -7,14 +7,11 @@ import numpy as np
 import oracles
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from lmeasure.core import se3
+from lmeasure.core import FloatArray, se3
 from lmeasure.kernels import se3 as kernel
-
-FloatArray = NDArray[np.float64]
 
 METRE = 1000.0
 TURNS = [0.0, 1e-300, 1e-160, 1e-12, 1e-8, 1e-5, 1e-3, 0.1, 1.0, 3.0, math.pi - 1e-3, math.pi - 1e-6, math.pi - 1e-9]

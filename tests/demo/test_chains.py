@@ -12,11 +12,10 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
-from lmeasure.core import LMeasureError, Status
+from lmeasure.core import FloatArray, LMeasureError, Status
 from lmeasure.demo import OF_CELL, demo, existing
 from lmeasure.demo.bus_loop import count_at_stops, record_motion
 from lmeasure.demo.cell_demo import STAGES, errors_of, held_out_length_error
@@ -26,8 +25,6 @@ from lmeasure.rig import rig_from_dict
 from lmeasure.simulation import Leg, cell_rig, scattered_poses, simulate_run, smooth_path
 from lmeasure.simulation.instrument import simulate_campaign
 from lmeasure.trajectory import Trajectory, read_trajectory, reconstruct
-
-FloatArray = NDArray[np.float64]
 
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 

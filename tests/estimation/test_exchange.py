@@ -11,6 +11,7 @@ from hypothesis import given, strategies as st
 from numpy.typing import NDArray
 from problems import Line, Readings
 
+from lmeasure.core import FloatArray
 from lmeasure.estimation import (
     Criterion,
     Numbered,
@@ -24,8 +25,6 @@ from lmeasure.estimation import (
     parameter_information,
 )
 from lmeasure.estimation.exchange import WORST
-
-FloatArray = NDArray[np.float64]
 
 
 @pytest.mark.parametrize("kind", ["I", "G", "D"])

@@ -4,12 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from problems import Stations, Tied, plane
 
 from lmeasure.estimation import Fit, fit
-
-FloatArray = NDArray[np.float64]
 
 
 def tied(*, keeps_prior: bool = False, blind: bool = False) -> tuple[Stations, Tied]:

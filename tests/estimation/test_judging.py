@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.stats
-from numpy.typing import NDArray
 from problems import Line, Plane, Readings, Stations, plane
 
+from lmeasure.core import FloatArray
 from lmeasure.estimation import (
     Deletion,
     Explained,
@@ -25,8 +25,6 @@ from lmeasure.estimation import (
     settled,
 )
 from lmeasure.estimation.explanations import Evidence, embedded
-
-FloatArray = NDArray[np.float64]
 
 GROUPS = np.repeat(np.arange(10), 3)
 """Readings are taken three at a place."""

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 import scipy.stats
-from numpy.typing import NDArray
 from problems import Curve, Line, Readings, Tied, plane
 
+from lmeasure.core import FloatArray
 from lmeasure.estimation import Parameters, fit, regions
-
-FloatArray = NDArray[np.float64]
 
 
 def test_a_prior_everywhere_is_a_measurement_of_each_value() -> None:

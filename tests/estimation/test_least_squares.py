@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.stats
-from numpy.typing import NDArray
 from problems import Curve, Line, Plane, Readings, Stations, arc, plane
 
-from lmeasure.core import CalibrationError
+from lmeasure.core import CalibrationError, FloatArray
 from lmeasure.estimation import Eliminated, Fit, Nuisance, Parameters, Problem, fit, linear_objective, regions
-
-FloatArray = NDArray[np.float64]
 
 
 def test_values_belong_to_what_their_names_say() -> None:

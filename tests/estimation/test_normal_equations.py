@@ -5,11 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import scipy.optimize
-from numpy.typing import NDArray
 
+from lmeasure.core import FloatArray
 from lmeasure.estimation import optimum
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from problems import Curve
 
 from lmeasure.estimation import Fit, fit
 
-FloatArray = NDArray[np.float64]
 Scalar = Callable[[float], float]
 
 pytestmark = pytest.mark.parametrize("beside", [False, True])

@@ -6,13 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import scipy.stats
-from numpy.typing import NDArray
 from problems import Line, Readings, arc
 
+from lmeasure.core import FloatArray
 from lmeasure.estimation import Explained, Explanation, Parameters, Problem, evidence, explained, fit, improbable
 from lmeasure.estimation.explanations import Evidence
-
-FloatArray = NDArray[np.float64]
 
 X = np.linspace(-1.0, 1.0, 40)
 U = 0.1

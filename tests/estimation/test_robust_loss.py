@@ -7,12 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.stats
-from numpy.typing import NDArray
 from problems import Curve, Line, Readings
 
+from lmeasure.core import FloatArray
 from lmeasure.estimation import Group, biweights, fit, robust_fit, scatter, trust
-
-FloatArray = NDArray[np.float64]
 
 GROUPS = np.repeat(np.arange(10), 3)
 X = np.linspace(-1.0, 1.0, 30) ** 3

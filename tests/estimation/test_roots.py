@@ -6,13 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from numpy.typing import NDArray
 from problems import arc, plane
 
-from lmeasure.core import covariance_root, symmetric_root
+from lmeasure.core import FloatArray, covariance_root, symmetric_root
 from lmeasure.estimation import Fit, fit, regions
-
-FloatArray = NDArray[np.float64]
 
 
 @pytest.fixture

@@ -35,6 +35,7 @@ from lmeasure.recording import read_counts, read_poses, read_program, read_run
 from lmeasure.rig import read_calibration_record, read_drums, read_linked_rig, read_rig
 from lmeasure.robot_programs import dialect_of, opened
 from lmeasure.robots import Robot, read_map, read_measurements, read_robot, read_urdf, write_urdf
+from lmeasure.sensors import lengths_from_counts
 from lmeasure.simulation import read_scenario
 from lmeasure.structure import read_linkage
 from lmeasure.trajectory import read_trajectory
@@ -85,7 +86,7 @@ def _run_of(name: str) -> Callable[[Path], Any]:
             if other != name:
                 (path.parent / other).write_bytes((run / other).read_bytes() if other != "pass1.csv" else COUNTS)
         path.replace(path.with_name(name))
-        return read_run(path.parent)
+        return lengths_from_counts(read_run(path.parent))
 
     return read
 
@@ -413,7 +414,7 @@ def _zip(right: bytes) -> Iterator[bytes]:
 
 
 KINDS: dict[str, tuple[Callable[[bytes], Iterator[bytes]], ...]] = {
-    "toml": (_texts, _toml), "json": (_texts, _json), "csv": (_texts, _csv), "xml": (_texts, _xml),
+    "toml": (_texts, _toml, _bytes), "json": (_texts, _json, _bytes), "csv": (_texts, _csv, _bytes), "xml": (_texts, _xml),
     "log": (_texts, _lines, _repeated, _bytes), "binary": (_texts, _bytes), "hdf5": (_bytes, _hdf5), "zip": (_bytes, _zip),
 }  # fmt: skip
 

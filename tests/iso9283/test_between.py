@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from lmeasure.core import FloatArray
 from lmeasure.iso9283.sample_gaps import Chords, between
-
-FloatArray = NDArray[np.float64]
 
 SPEED, STEP_S = 240.0, 0.0125
 INTO, OUT = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])

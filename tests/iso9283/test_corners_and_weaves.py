@@ -8,16 +8,13 @@ import pytest
 from honest import assert_honest
 from made_paths import CIRCLE, EXACT, LINE, SQUARE, _once, figures, program_of, runs
 from made_trajectories import UNIT, StatedErrors, trajectory_of
-from numpy.typing import NDArray
 
-from lmeasure.core import CertificationError
+from lmeasure.core import CertificationError, FloatArray
 from lmeasure.iso9283 import CertificationSettings, evaluate
 from lmeasure.iso9283.clauses.corners import Corner, at_corner
 from lmeasure.iso9283.clauses.weaving import Weave, WeavePart
 from lmeasure.iso9283.paths import Cycle, Line
 from lmeasure.recording import CommandedPath, Program
-
-FloatArray = NDArray[np.float64]
 
 
 def test_corners_cut_and_overshot() -> None:

@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from made_trajectories import PLACES, UNIT, StatedErrors, by_name, dwells, made_campaign, some_law, trajectory_of
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from lmeasure.core import CertificationError, Status
 from lmeasure.iso9283 import CertificationSettings, evaluate
 from lmeasure.recording import Program
-
-FloatArray = NDArray[np.float64]
 
 EXACT = StatedErrors()
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from made_trajectories import StatedErrors, trajectory_of
-from numpy.typing import NDArray
 
 from lmeasure.iso9283 import CertificationSettings, evaluate
 from lmeasure.iso9283.characteristic import Characteristic, Contribution
@@ -18,8 +17,6 @@ from lmeasure.recording import Program
 from lmeasure.text import Message
 from lmeasure.trajectory import PoseErrors, Trajectory, stamps_of
 from lmeasure.trajectory.time.stamps import sound
-
-FloatArray = NDArray[np.float64]
 
 SPEED, NOISE_MM, CYCLES = 250.0, 0.0046, 3
 LAW = StatedErrors(np.diag([0.0, 0.0, 0.0, *[NOISE_MM**2] * 3]))

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lmeasure.core import FloatArray
 from lmeasure.iso9283.formulas import path, pose, time
-
-FloatArray = NDArray[np.float64]
 
 EXAMPLES = tomllib.loads((Path(__file__).parent.parent / "authorities" / "iso9283" / "examples.toml").read_text())
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from made_paths import CIRCLE, EXACT, LINE, SQUARE, _once, figures, program_of, runs
 from made_trajectories import StatedErrors, trajectory_of
-from numpy.typing import NDArray
 
 from lmeasure.core import CertificationError
 from lmeasure.iso9283 import CertificationSettings, Evaluation, evaluate
@@ -18,8 +17,6 @@ from lmeasure.iso9283.figure import Subject
 from lmeasure.iso9283.paths import Line
 from lmeasure.recording import CommandedPath
 from lmeasure.trajectory.time.stamps import sound
-
-FloatArray = NDArray[np.float64]
 
 
 def test_a_line_with_known_deviations() -> None:

@@ -2,7 +2,6 @@
 
 import numpy as np
 from honest import assert_honest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from zeroed import zeroed_exactly
 
@@ -10,8 +9,6 @@ from lmeasure.iso9283 import CertificationSettings, evaluate
 from lmeasure.recording import Program
 from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
 from lmeasure.trajectory import PoseErrors, reconstruct
-
-FloatArray = NDArray[np.float64]
 
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 CAMPAIGNS, CYCLES = 15, 10

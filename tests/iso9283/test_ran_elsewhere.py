@@ -6,14 +6,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from lmeasure.cli.app import app
+from lmeasure.core import FloatArray
 from lmeasure.recording import Program, read_program
 
-FloatArray = NDArray[np.float64]
 TABLES = Path(__file__).parents[1] / "authorities" / "tables"
 RATE_HZ = 125.0
 TURNED, MOVED = Rotation.from_euler("xyz", [4.0, -7.0, 60.0], degrees=True), np.array([1500.0, -300.0, 800.0])

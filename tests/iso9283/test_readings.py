@@ -6,13 +6,12 @@ from made_trajectories import StatedErrors, trajectory_of
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from lmeasure.core import FloatArray
 from lmeasure.iso9283 import CertificationSettings
 from lmeasure.iso9283.formulas import path, time
 from lmeasure.iso9283.motion_readings import Finer, Motion, Reading, Reported, Stretch
 from lmeasure.trajectory import Frame, PoseErrors, Trajectory, phases, roundings
 from lmeasure.trajectory.time.stamps import sound
-
-FloatArray = NDArray[np.float64]
 
 UNIT = np.array([0.0, 0.0, 0.0, 1.0])
 

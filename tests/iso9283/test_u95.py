@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from honest import assert_honest
 from made_trajectories import UNIT, StatedErrors, by_name, dwells, made_campaign, some_law, trajectory_of
-from numpy.typing import NDArray
 
+from lmeasure.core import FloatArray
 from lmeasure.iso9283 import CertificationSettings, evaluate
 from lmeasure.iso9283.characteristic import Characteristic
 from lmeasure.iso9283.clauses.pose import _alike
@@ -15,8 +15,6 @@ from lmeasure.iso9283.figure import Subject
 from lmeasure.iso9283.uncertainty import NORMAL_95_ONE_SIDED, propagate, reduction, reduction_of_mean
 from lmeasure.recording import Program
 from lmeasure.trajectory import PoseErrors
-
-FloatArray = NDArray[np.float64]
 
 EXACT = StatedErrors()
 

@@ -2,11 +2,8 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from lmeasure.iso9283.path_spectrum import cosines, reduced
-
-FloatArray = NDArray[np.float64]
 
 
 @pytest.mark.parametrize("stretch", [[0] * 7, [0, 0, 0, 1, 1, 1, 1, 1], [0, 1, 2]])

@@ -11,13 +11,11 @@ import numpy as np
 import oracles
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 from rows import row_of
 
+from lmeasure.core import FloatArray
 from lmeasure.kernels import CABLE_COLUMNS, PARAMETERS, cable, layout
 from lmeasure.simulation import cell_rig
-
-FloatArray = NDArray[np.float64]
 
 ROUNDING_MM = 1e-11  # some units in the last place of a few metres
 

@@ -4,15 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
 
+from lmeasure.core import FloatArray
 from lmeasure.kernels import counts_from_changes, effects, span_lengths
 from lmeasure.kernels.cable import drum_change
 from lmeasure.kernels.decorators import kernel
-
-FloatArray = NDArray[np.float64]
 
 
 @kernel

@@ -7,12 +7,11 @@ import numpy as np
 import oracles
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from lmeasure.core import FloatArray
 from lmeasure.kernels import se3, vector
 
-FloatArray = NDArray[np.float64]
 Vec3 = tuple[float, float, float]
 
 METRE = 1000.0

@@ -7,10 +7,9 @@ from numpy.typing import NDArray
 from rows import HOME, singular_angle, straight_row, turned
 from scipy.spatial.transform import Rotation
 
-from lmeasure.core import Status, se3
+from lmeasure.core import FloatArray, Status, se3
 from lmeasure.kernels import ATTACHMENT, BASE, RADIUS, cable, damped_search, least_squares, span_lengths
 
-FloatArray = NDArray[np.float64]
 ALL = np.arange(6)
 
 

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from rows import HOME, cell_rows, singular_angle, turned
 from scipy.spatial.transform import Rotation
 
-from lmeasure.core import Status
+from lmeasure.core import FloatArray, Status
 from lmeasure.kernels import cable, lanes, screw
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 U = np.full(6, 0.0035)

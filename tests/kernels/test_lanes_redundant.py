@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from numpy.typing import NDArray
 
-from lmeasure.core import Status, se3
+from lmeasure.core import FloatArray, Status, se3
 from lmeasure.kernels import lanes_redundant, least_squares, span_lengths
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import cell_rig
 
-FloatArray = NDArray[np.float64]
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 FREE = np.arange(6)
 

@@ -7,15 +7,13 @@ import oracles
 import pytest
 import scipy.linalg
 import scipy.optimize
-from numpy.typing import NDArray
 from rows import HOME, cell, cell_rows, singular_angle, straight_row, turned
 from scipy.spatial.transform import Rotation
 from screw_poses import U, changes_of, random_pose
 
-from lmeasure.core import Status, se3
+from lmeasure.core import FloatArray, Status, se3
 from lmeasure.kernels import ATTACHMENT, BASE, cable, screw, span_lengths
 
-FloatArray = NDArray[np.float64]
 NANOMETRE = 1e-6  # mm
 NANORADIAN = 1e-9
 # Thesis Rashoyan 2021, 4.4: a platform of three points on six legs of length 2, unit lengths throughout

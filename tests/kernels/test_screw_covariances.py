@@ -4,16 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from rows import HOME, cell_rows
 from scipy.spatial.transform import Rotation
 from screw_poses import U, changes_of, random_pose
 
-from lmeasure.core import Status
+from lmeasure.core import FloatArray, Status
 from lmeasure.kernels import PARAMETERS, cable, pose_covariances, screw
-
-FloatArray = NDArray[np.float64]
-
 
 # --- covariance --------------------------------------------------------------------------------------------------------------------
 

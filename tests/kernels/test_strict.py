@@ -5,13 +5,11 @@ import itertools
 import mpmath
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from lmeasure.core import FloatArray
 from lmeasure.kernels.clearance import square_distance
 from lmeasure.kernels.decorators import kernel, strict_kernel
 from lmeasure.kernels.vector import ARCTANGENT, angle, dot
-
-FloatArray = NDArray[np.float64]
 
 
 @kernel

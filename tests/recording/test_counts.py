@@ -8,13 +8,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
-from numpy.typing import NDArray
 
-from lmeasure.core import FileFormatError
+from lmeasure.core import FileFormatError, FloatArray
 from lmeasure.kernels import EMPTY, FOLLOWED, FOREIGN, JUMPED, UNSURE, WENT_ON
 from lmeasure.recording import Counts, RateEvidence, read_counts, unwrap, write_counts
-
-FloatArray = NDArray[np.float64]
 
 RATE = 1.5e6  # counts per second: 18 m/s at 0.012 mm
 

@@ -7,13 +7,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from numpy.typing import NDArray
 
-from lmeasure.core import FileFormatError
+from lmeasure.core import FileFormatError, FloatArray
 from lmeasure.kernels import FOLLOWED, FOREIGN
 from lmeasure.recording import Counts, RateEvidence, WidthEvidence, closure_counts, read_counts, read_counts_in_pieces, unwrap
-
-FloatArray = NDArray[np.float64]
 
 STEP_S = 0.125
 """Exact in doubles, so that a rest of two steps has three samples at its end."""

@@ -4,19 +4,17 @@ import json
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from lmeasure.cli.app import app
-from lmeasure.core import se3
+from lmeasure.core import FloatArray, se3
 from lmeasure.io import write_table
 from lmeasure.io.tables import read_table
 from lmeasure.robots import read_identified, read_measurements, read_urdf
 from lmeasure.robots.robot import shipped
 from lmeasure.robots.serial_robot import SerialRobot
 
-FloatArray = NDArray[np.float64]
 BASE = np.array([2000.0, -300.0, 500.0, *Rotation.from_rotvec([0.4, 2.0, -1.0]).as_quat()])
 TOOL = np.array([40.0, -25.0, 110.0, 0.0, 0.0, 0.0, 1.0])
 LINKS = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import binom
 
 from lmeasure.core import se3
@@ -14,7 +13,6 @@ from lmeasure.robots.identification.measurements import measured
 from lmeasure.robots.robot import Payload, shipped
 from lmeasure.robots.serial_robot import SerialRobot
 
-FloatArray = NDArray[np.float64]
 PAYLOAD = Payload(mass_kg=8.0, centre_mm=(0.0, 0.0, 120.0))
 NOMINAL = shipped("generic6").model_copy(update={"payload": PAYLOAD}).model
 TOOL = np.array([60.0, -40.0, 120.0, 0.0, 0.0, 0.0, 1.0])

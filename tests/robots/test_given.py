@@ -4,10 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.core import LMeasureError, se3
+from lmeasure.core import FloatArray, LMeasureError, se3
 from lmeasure.io import columns_of
 from lmeasure.rig import read_rig
 from lmeasure.robots import Settings, given, identify
@@ -18,7 +17,6 @@ from lmeasure.sensors import counts_from_poses
 from lmeasure.trajectory import Stated, read_trajectory
 from lmeasure.trajectory.files.markers import body_of, read_markers
 
-FloatArray = NDArray[np.float64]
 CELL = Path(__file__).parents[1] / "authorities" / "truth" / "cell-run" / "rig.toml"
 ROBOT = shipped("generic6").model
 RATE, REST_S, MOVE_S = 100.0, 0.6, 0.4

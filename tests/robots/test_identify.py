@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import LMeasureError, RobotError, se3
@@ -20,7 +19,6 @@ from lmeasure.robots.identification.unknowns import Unknowns
 from lmeasure.robots.robot import shipped
 from lmeasure.robots.serial_robot import SerialRobot
 
-FloatArray = NDArray[np.float64]
 UR5 = Path(__file__).parents[2] / "datasets" / "ur5" / "grid.csv"
 BASE = np.array([2000.0, -300.0, 500.0, *Rotation.from_rotvec([0.4, 2.0, -1.0]).as_quat()])
 TOOL = np.array([40.0, -25.0, 110.0, *Rotation.from_rotvec([0.3, -0.2, 1.1]).as_quat()])

@@ -4,16 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from lmeasure.core import se3
+from lmeasure.core import FloatArray, se3
 from lmeasure.robots import REGULAR, Allowed, Mounted, any_shipped, shipped_names
 from lmeasure.robots.parallel import model as strides
 from lmeasure.robots.parallel.limits import spread
 from lmeasure.robots.parallel.model import Parallel
-
-FloatArray = NDArray[np.float64]
 
 HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 POSES, LOOKED_AT, MOST_RAD = 512, 24, 1.0
@@ -50,27 +47,6 @@ def test_inverse_forward_inverse(name: str) -> None:
         assert np.abs(turned(robot, every - q)).max(axis=1).min() < 1e-9
         again = robot.forward(every)
         assert np.abs(se3.displacement(again, np.broadcast_to(pose, again.shape)) / robot.units).max() < 1e-9 * robot.size_mm
-
-
-@pytest.mark.parametrize("name", MECHANISMS)
-def test_derivatives_are_differences(name: str) -> None:
-    """Central ones of two steps, extrapolated."""
-    robot = MECHANISMS[name]
-    joints = over(robot)[:8]
-    poses, by_joints, _ = robot.derivatives(joints)
-    rates = by_joints.copy()
-    rates[..., 3:] += np.cross(by_joints[..., :3], poses[:, None, :3])  # of the flange, not of the base's origin
-    for j in range(joints.shape[1]):
-
-        def difference(h: float, j: int = j) -> FloatArray:
-            step = np.eye(joints.shape[1])[j] * h
-            there, back = robot.forward(joints + step), robot.forward(joints - step)
-            return np.asarray(se3.displacement(there, back) / (2.0 * h))
-
-        h = 2e-4 * (robot.size_mm if robot.sliding[j] else 1.0)
-        expected = (4.0 * difference(0.5 * h) - difference(h)) / 3.0
-        off = np.abs((rates[:, j] - expected) / robot.units).max(axis=1)
-        assert (off < 1e-7 * np.abs(expected / robot.units).max(axis=1)).all()
 
 
 def test_planned_poses_are_reached_from_home_by_a_robot_built_otherwise() -> None:

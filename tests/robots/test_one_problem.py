@@ -4,10 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.core import se3
+from lmeasure.core import FloatArray, se3
 from lmeasure.estimation import Deletion, fit
 from lmeasure.robots import Identified, Measurements, Settings, identify
 from lmeasure.robots.identification.initial_frames import Frames
@@ -18,7 +17,6 @@ from lmeasure.robots.identification.unknowns import Unknowns
 from lmeasure.robots.robot import shipped
 from lmeasure.robots.serial_robot import SerialRobot
 
-FloatArray = NDArray[np.float64]
 BASE = np.array([2000.0, -300.0, 500.0, *Rotation.from_rotvec([0.4, 2.0, -1.0]).as_quat()])
 TOOL = np.array([40.0, -25.0, 110.0, *Rotation.from_rotvec([0.3, -0.2, 1.1]).as_quat()])
 U = np.repeat([1e-4, 0.05], 3)

@@ -6,9 +6,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from lmeasure.core import RobotError, se3
+from lmeasure.core import FloatArray, RobotError, se3
 from lmeasure.robots import Measurements, ParallelFile, Settings, any_shipped, checked, identify, predict
 from lmeasure.robots.file_fields import Limits
 from lmeasure.robots.identification.measurements import measured
@@ -18,7 +17,6 @@ from lmeasure.robots.parallel.limits import own_roots
 from lmeasure.robots.parallel.model import Parallel
 from lmeasure.robots.robot import robot_from_dict
 
-FloatArray = NDArray[np.float64]
 NAMES = (
     "rotopod", "rotopod-cell", "four-chains-cabin", "four-chains", "four-chains-arms", "crank-platform", "logos", "seven-link",
     "three-prr",

@@ -4,10 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.core import RobotError, se3
+from lmeasure.core import FloatArray, RobotError, se3
 from lmeasure.linkages import assemblies
 from lmeasure.robots import Measurements, PlatformFile, Settings, any_shipped, identify, predict
 from lmeasure.robots.identification.measurements import measured
@@ -15,7 +14,6 @@ from lmeasure.robots.identification.observability import determined_parameters, 
 from lmeasure.robots.platform import Platform
 from lmeasure.robots.robot import robot_from_dict
 
-FloatArray = NDArray[np.float64]
 KINDS = ("gough", "suspended", "rods", "input-rods")
 BASE = np.array([800.0, -300.0, 200.0, *Rotation.from_rotvec([0.4, 0.2, -1.0]).as_quat()])
 TOOL = np.array([40.0, -25.0, 110.0, 0.0, 0.0, 0.0, 1.0])

@@ -6,19 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
 from typer.testing import CliRunner
 
 from lmeasure.cli.app import app
-from lmeasure.core import RobotError, se3
+from lmeasure.core import FloatArray, RobotError, se3
 from lmeasure.io import files
 from lmeasure.recording import Poses, pose_columns
 from lmeasure.robots import frames
 
-FloatArray = NDArray[np.float64]
 U_MM, U_RAD = 0.05, 2e-4
 
 

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.cli.app import main
-from lmeasure.core import RobotError, se3
+from lmeasure.core import FloatArray, RobotError, se3
 from lmeasure.estimation import biweights, normal_deviates, scatter, trust
 from lmeasure.robots import Identified, Measurements, Settings, identify, predict
 from lmeasure.robots.identification import hold_out
@@ -20,7 +19,6 @@ from lmeasure.robots.identification.problem import solved, stay_distances
 from lmeasure.robots.robot import shipped
 from lmeasure.robots.serial_robot import SerialRobot
 
-FloatArray = NDArray[np.float64]
 BASE = np.array([2000.0, -300.0, 500.0, *Rotation.from_rotvec([0.4, 2.0, -1.0]).as_quat()])
 TOOL = np.array([40.0, -25.0, 110.0, 0.0, 0.0, 0.0, 1.0])
 BAD = np.arange(0, 60, 5)

@@ -6,15 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from lmeasure.core import RobotError
+from lmeasure.core import FloatArray, RobotError
 from lmeasure.robots.robot import shipped
-from lmeasure.robots.serial import ALPHA, BETA, A, D, SerialArm
-
-FloatArray = NDArray[np.float64]
+from lmeasure.robots.serial import ALPHA, SerialArm
 
 FOOT = np.array([1100.0, 30.0, -500.0, *Rotation.from_euler("xyz", [2.0, -1.0, 175.0], degrees=True).as_quat()])
 TOOL = np.array([5.0, -3.0, 120.0, *Rotation.from_euler("xyz", [178.0, 3.0, 40.0], degrees=True).as_quat()])
@@ -148,9 +145,3 @@ def test_a_force_deflects_by_the_transposed_jacobian(joints: FloatArray, force: 
         step[i] = h
         moved = (ARM.forward(joints + step)[:3] - ARM.forward(joints - step)[:3]) / (2 * h)
         assert turned[i] * stiffness[i] == pytest.approx(float(force @ moved), abs=1e-3)
-
-
-def test_link_columns() -> None:
-    assert ARM.links[0, D] == 450.0
-    assert ARM.links[1, A] == 800.0
-    assert (ARM.links[:, BETA] == 0).all()

@@ -5,15 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from lmeasure.core import RobotError
+from lmeasure.core import FloatArray, RobotError
 from lmeasure.robots import Command, Performance, SimulatedRobot, cell_robot
 from lmeasure.robots.serial import SerialArm
-
-FloatArray = NDArray[np.float64]
 
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 RATE = 1000.0

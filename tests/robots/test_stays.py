@@ -8,18 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.cli.app import main
-from lmeasure.core import se3
+from lmeasure.core import FloatArray, se3
 from lmeasure.io.tables import read_table
 from lmeasure.robots import Identified, Measurements, beyond, held_out, identify, identify_with_choice, predict, read_identified
 from lmeasure.robots.identification.measurements import measured
 from lmeasure.robots.identification.stays import stays_of
 from lmeasure.robots.robot import shipped
 
-FloatArray = NDArray[np.float64]
 CASE = Path(__file__).parents[1] / "authorities" / "repeated-readings"
 UR5 = Path(__file__).parents[2] / "datasets" / "ur5" / "grid.csv"
 NAMES = [f"joint_{i}_deg" for i in range(1, 7)]

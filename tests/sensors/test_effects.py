@@ -6,18 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from zeroed import exactly
 
 from lmeasure.calibration import CalibrationSettings, calibrate, read_campaign
-from lmeasure.core import FileFormatError, GeometryError, RigError
+from lmeasure.core import FileFormatError, FloatArray, GeometryError, RigError
 from lmeasure.recording import Counts, Run, read_run, read_run_head, write_run
 from lmeasure.rig import Rig, rig_from_dict, write_rig
 from lmeasure.sensors import counts_from_poses, effects_of, length_residuals, span_lengths
 from lmeasure.simulation import Leg, cell_rig, read_scenario, simulate, simulate_run, smooth_path, write_simulated
 from lmeasure.trajectory import read_trajectory, reconstruct, reconstruct_stream
-
-FloatArray = NDArray[np.float64]
 
 CABLE: dict[str, float] = {
     "cable_expansion_per_k": -1.2e-5, "drum_expansion_per_k": 2.3e-5, "guide_length_mm": 300.0, "cable_stiffness_n": 9000.0,

@@ -7,17 +7,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.core import CalibrationError, RigError, se3
+from lmeasure.core import CalibrationError, FloatArray, RigError, se3
 from lmeasure.kernels import length_gradients, span_lengths, span_rows_of
 from lmeasure.rig import Rig, rig_from_dict, table_of
 from lmeasure.rig.sensor_table import TABLES
 from lmeasure.sensors import AngleSensor, Channels, LengthSensor, SensorKind, counts_from_poses
 from lmeasure.simulation import cell_rig
 
-FloatArray = NDArray[np.float64]
 PLACE = [2000.0, 300.0, 500.0]
 POSES = np.column_stack(
     [np.random.default_rng(1).uniform(-200.0, 200.0, (4, 3)), Rotation.random(4, rng=np.random.default_rng(2)).as_quat()]

@@ -9,10 +9,9 @@ import numpy as np
 import oracles
 import pytest
 import test_rig
-from numpy.typing import NDArray
 
 import lmeasure as lm
-from lmeasure.core import FileFormatError, GeometryError, Status
+from lmeasure.core import FileFormatError, FloatArray, GeometryError, Status
 from lmeasure.kernels import PARAMETERS
 from lmeasure.recording import Counts, Run
 from lmeasure.rig import CalibrationRecord, Rig, parameter_names, rig_from_dict
@@ -30,8 +29,6 @@ from lmeasure.sensors import (
     write_lengths,
 )
 from lmeasure.simulation import cell_rig
-
-FloatArray = NDArray[np.float64]
 
 HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 

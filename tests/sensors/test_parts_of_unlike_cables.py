@@ -5,18 +5,15 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from lmeasure.core import se3
+from lmeasure.core import FloatArray, se3
 from lmeasure.kernels import layout
 from lmeasure.rig import kernel_values, with_kernel_values, with_values
 from lmeasure.sensors import PLAY, Parts, every_part, parts_of, phased
 from lmeasure.sensors.imperfect_parts import OVERSIZE
 from lmeasure.simulation import Leg, cell_rig, reference_poses, simulate_run, smooth_path
 from lmeasure.trajectory import reconstruct
-
-FloatArray = NDArray[np.float64]
 
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 SCALES = np.array([0.9, 1.2, 1.4])

@@ -8,18 +8,15 @@ import numpy as np
 import pytest
 import real_rig
 import scipy.stats
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lmeasure.accuracy import scan_zone, tilts
-from lmeasure.core import RigError
+from lmeasure.core import FloatArray, RigError
 from lmeasure.kernels import changes_from_counts, length_gradients, span_lengths, span_rows
 from lmeasure.recording import Counts, Run
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.sensors import DIMENSIONS, cable_covariance, stated_errors, unsolved_columns, zero_at
 from lmeasure.trajectory import covariances, reconstruct
-
-FloatArray = NDArray[np.float64]
 
 START = np.array([0.0, 0, 0, 0, 0, 0, 1])
 DRAWS = 24

@@ -3,17 +3,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from zeroed import exactly
 
-from lmeasure.core import FileFormatError, GeometryError
+from lmeasure.core import FileFormatError, FloatArray, GeometryError
 from lmeasure.io import files
 from lmeasure.recording import read_poses, read_run
 from lmeasure.rig import read_rig, rig_from_dict, write_rig
 from lmeasure.sensors import counts_from_poses, span_lengths
 from lmeasure.simulation import Leg, cell_rig, read_scenario, scattered_poses, simulate, simulate_run, smooth_path, write_simulated
-
-FloatArray = NDArray[np.float64]
 
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 

@@ -10,17 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 import real_rig
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from test_unsolved import START, after_play, delta, nominal, truth
 
 from lmeasure.accuracy import exact_radius_95, radii_95, scan_zone, stated_radii_95, tilts
-from lmeasure.core import se3
+from lmeasure.core import FloatArray, se3
 from lmeasure.recording import Counts, Run, read_run, read_run_head, write_run
 from lmeasure.rig import TYPICAL_SIZES, CalibrationRecord, Dimension, Rig, rig_from_dict
 from lmeasure.trajectory import Trajectory, covariances, read_trajectory, reconstruct, reconstruct_stream, write_trajectory
-
-FloatArray = NDArray[np.float64]
 
 AUTHORITIES = Path(__file__).parents[1] / "authorities"
 

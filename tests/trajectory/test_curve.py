@@ -8,19 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 from moving_robot import TRUTH, FreeRunning, Instrument, Moves, Shaken, Waves, errors
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from zeroed import zeroed_exactly
 
 import lmeasure as lm
 from lmeasure.cli.app import main
-from lmeasure.core import FileFormatError, TrajectoryError
+from lmeasure.core import FileFormatError, FloatArray, TrajectoryError
 from lmeasure.kernels import band_inverse, spline_covariances, spline_equations, spline_poses
 from lmeasure.recording import Counts, Run, read_counts, read_run, write_counts
 from lmeasure.sensors import Channels
 from lmeasure.trajectory import Curve, motion_of, motion_of_curve, reconstruct, reconstruct_curve
 
-FloatArray = NDArray[np.float64]
 ORIGIN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 

@@ -13,18 +13,16 @@ import pandas as pd
 import pytest
 from made_trajectories import made_campaign
 from mcap.writer import Writer
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from lmeasure.cli.app import app, main
-from lmeasure.core import FileFormatError, LMeasureError, SettingsError, Status
+from lmeasure.core import FileFormatError, FloatArray, LMeasureError, SettingsError, Status
 from lmeasure.io import columns_of
 from lmeasure.io.files import write_toml
 from lmeasure.text import common, message, within
 from lmeasure.trajectory import Stated, Trajectory, read_trajectory, write_trajectory
 
-FloatArray = NDArray[np.float64]
 U = ("--u-position-mm", "0.01", "--u-rotation-deg", "0.001")
 
 

@@ -6,14 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from cells import cell, motion, position_error, record
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lmeasure.core import TrajectoryError
+from lmeasure.core import FloatArray, TrajectoryError
 from lmeasure.kernels import local_cubics
 from lmeasure.trajectory import motion_of, read_trajectory, reconstruct, write_motion
-
-FloatArray = NDArray[np.float64]
 
 
 def turned(time_s: FloatArray, a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:

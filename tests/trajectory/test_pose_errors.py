@@ -9,7 +9,6 @@ from lmeasure.iso9283 import CertificationSettings, evaluate
 from lmeasure.recording import Program
 from lmeasure.trajectory import PoseErrors, Trajectory
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 

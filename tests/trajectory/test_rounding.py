@@ -2,13 +2,10 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from lmeasure.core import symmetric_root
+from lmeasure.core import FloatArray, symmetric_root
 from lmeasure.trajectory import PoseErrors, of_crossings, of_dwells
 from lmeasure.trajectory.uncertainty.rounding import kept, scatter_counts, whitened_variance
-
-FloatArray = NDArray[np.float64]
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.05, 0.1, 0.2, 0.3])

@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 import real_rig
-from numpy.typing import NDArray
 from test_unsolved import START, nominal, truth
 
+from lmeasure.core import FloatArray
 from lmeasure.recording import Counts, Run
 from lmeasure.rig import rig_from_dict
 from lmeasure.trajectory import Trajectory, covariances, proposed_returns, reconstruct
-
-FloatArray = NDArray[np.float64]
 
 STOPS = np.array([[0.0, 0, 0], [200, 0, 0], [0, 180, 60], [-120, 60, -150]])
 ORDER = (0, 1, 0, 2, 0, 3, 0, 1, 0, 2, 0, 3, 0)

@@ -7,18 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cells import cell
-from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from lmeasure.cli.app import app
-from lmeasure.core import Status
+from lmeasure.core import FloatArray, Status
 from lmeasure.kernels import JUMPED
 from lmeasure.recording import Counts, Run, read_run, unwrap, write_run
 from lmeasure.sensors import counts_from_poses, recorded_from_counts
 from lmeasure.trajectory import motion_of, read_trajectory, reconstruct
 from lmeasure.trajectory.time.stamps import clock, judge_stamps, numbers
 
-FloatArray = NDArray[np.float64]
 Law = Callable[[np.random.Generator, FloatArray], FloatArray]
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"

@@ -4,16 +4,13 @@ import numpy as np
 import pytest
 from honest import assert_honest
 from made_trajectories import UNIT, StatedErrors, by_name, trajectory_of
-from numpy.typing import NDArray
 from scipy.special import j0
 
-from lmeasure.core import symmetric_root
+from lmeasure.core import FloatArray, symmetric_root
 from lmeasure.iso9283 import CertificationSettings, evaluate
 from lmeasure.recording import Program
 from lmeasure.trajectory import PoseErrors, averaged, with_rest
 from lmeasure.trajectory.motion.vibration import Swing, Vibration, vibration
-
-FloatArray = NDArray[np.float64]
 
 COUNT = 0.012
 LAW = np.zeros((6, 6))

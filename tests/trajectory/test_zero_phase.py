@@ -10,22 +10,19 @@ import oracles
 import pytest
 from cells import START, cell, motion, position_error, record, rotation_error
 from hypothesis import given, strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from test_truth import AUTHORITY, rms, truth_of
 from zeroed import exactly
 
 from lmeasure import PoseCovariances, Trajectory, covariances
-from lmeasure.core import Status
+from lmeasure.core import FloatArray, Status
 from lmeasure.recording import Counts, Run, read_run
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
 from lmeasure.sensors import count_variance, counts_from_poses, drawn_phases, lengths_from_counts, recorded_from_counts, span_lengths
 from lmeasure.simulation import cell_rig, simulate_run
 from lmeasure.trajectory import RunModel, reconstruct, reconstruction_of
 from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo
-
-FloatArray = NDArray[np.float64]
 
 COUNT_MM = 0.012
 

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 import rerun as rr
 import scipy.stats
-from numpy.typing import NDArray
 from recordings import HOME, SINGLE, scalars, stored
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 from lmeasure.accuracy import stated_radii_95
-from lmeasure.core import FileFormatError, LMeasureError
+from lmeasure.core import FileFormatError, FloatArray, LMeasureError
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import Leg, SimulatedRun, cell_rig, scattered_poses, simulate_run, smooth_path
 from lmeasure.trajectory import Trajectory, reconstruct
@@ -24,7 +23,6 @@ from lmeasure.view import open_viewer, write_recording
 from lmeasure.view.space import ZONE_COLOURS
 from lmeasure.view.viewer import RERUN, check_recording
 
-FloatArray = NDArray[np.float64]
 GAP = slice(120, 130)
 
 

@@ -14,7 +14,6 @@ from lmeasure.rig import CalibrationRecord
 from lmeasure.simulation import cell_rig, scattered_poses
 from lmeasure.view import write_recording
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
