@@ -71,6 +71,9 @@ STIFFEST = 1e-10
 """Of the variance that a control pose has by its readings: the least of a fourth difference."""
 TRIES = 3
 """Spacings, each half of the one before, that are tried where the chosen one has no solution."""
+STRAIGHT_MM, LEVER_MM = 0.1, 1000.0
+"""Move, of a turn at this lever, up to which the equations are followed by their own slopes: readings bend by some 5e-6 mm
+there. Equations of clocks are made anew, since they bend with the acceleration."""
 SMOOTHINGS = 3
 """Estimates of the snap in each round."""
 CHOSEN_BY = 3000
@@ -171,6 +174,7 @@ class Fit:
         self.begin_s, self.end_s = float(every.min()) - beyond, float(every.max()) + beyond
         self.knots = max(int(np.ceil((self.end_s - self.begin_s) / spacing_s * (1.0 - 1e-12))), 1) + ORDER - 1
         self.rows, self.zero = model.scheme.rows, zero_readings(model, model.scheme.rows, model.zero_pose)
+        self.in_mm = np.repeat([LEVER_MM, 1.0], 3)
         self.held = np.setdiff1d(np.arange(6), model.scheme.free_index)
         # a common offset of all clocks is a convention; a channel without readings has no part in it
         seen = np.asarray(np.isfinite(readings.changes).any(axis=0))
@@ -255,14 +259,19 @@ class Fit:
 
     def solve(self, control: Control, rounds: int = ROUNDS) -> Solution:
         """Return the fit, from control poses that are moved on; TrajectoryError where it does not settle, if it has all `ROUNDS` for it."""
-        size = np.inf
+        size = moved = np.inf
+        equations: Equations | None = None
         for number in range(rounds):
-            equations, estimates = self.equations(control), number < ESTIMATES
+            if equations is None or moved > STRAIGHT_MM or self.late.size:
+                equations, moved = self.equations(control), 0.0
+            estimates = number < ESTIMATES
             for _ in range(SMOOTHINGS if estimates else 1):
                 step, solution = self._step(equations, control, estimates=estimates)
-            own = step[: 6 * self.knots]
+            own, shared = np.split(step, [6 * self.knots])
             control.moved(own.reshape(-1, 6))
-            control.variables = control.variables + step[6 * self.knots :]
+            control.variables = control.variables + shared
+            moved += float(np.abs(own.reshape(-1, 6) * self.in_mm).max())
+            equations = _followed(equations, own, shared)
             size = solution.decrement / len(own)
             if size < SETTLED or not np.isfinite(size):
                 break
@@ -319,6 +328,15 @@ class Fit:
         bell = 0.5 * ANYWHERE / BELL
         square, known = (gaussian_filter1d(values, BELL, axis=0, mode="nearest") for values in (square, known))
         return np.maximum((square + bell * whole) / (known + bell), 1e-30)
+
+
+def _followed(equations: Equations, own: FloatArray, shared: FloatArray) -> Equations:
+    """Return the equations after a step of control poses (6 K,) and shared variables (b,), by their slopes."""
+    N, g, X, S, s, total = equations
+    by_own = scipy.linalg.blas.dsbmv(N.shape[1] - 1, 1.0, N.T, own, lower=1) + X @ shared
+    by_shared = X.T @ own + S @ shared
+    total += own @ by_own + shared @ by_shared - 2.0 * (own @ g + shared @ s)
+    return N, g - by_own, X, S, s - by_shared, float(total)
 
 
 def spacing_of(readings: Readings) -> float:
