@@ -1,5 +1,6 @@
 """Parts of the site that come from the program: toctrees, commands, Python names, schemas and codes. Needs only lmeasure itself."""
 
+import contextlib
 import inspect
 import re
 from collections.abc import Iterable, Iterator
@@ -83,6 +84,8 @@ def completed(page: str, text: str) -> str:
     """Return the source of a page with its toctree and its generated parts, and without links to folders."""
     parts = {"docs/commands": commands, "docs/python": names, "docs/schemas": schemas, "docs/troubleshooting": codes}
     text = without_foreign_links(ROOT / f"{page}.md", text)
+    if page == "docs/gallery":
+        text = with_figures(text)
     if page in parts:
         text = f"{text.rstrip()}\n\n{parts[page]()}"
     if page in INDEXES:
@@ -90,6 +93,20 @@ def completed(page: str, text: str) -> str:
     if page == "docs/results":
         text = f"{text.rstrip()}\n\n{toctree(['../benchmarks/results/*'], 'glob')}"
     return text
+
+
+def with_figures(text: str) -> str:
+    """Return the gallery with the figure of each block below it: the blocks are run here, in the folder of the project."""
+    names: dict[str, Any] = {}
+
+    def drawn(block: re.Match[str]) -> str:
+        first = not names
+        with contextlib.chdir(ROOT):
+            exec(compile(block[1], "docs/gallery.md", "exec"), names)
+        figure = names["figure"].to_html(full_html=False, include_plotlyjs=first, include_mathjax=False)
+        return f"{block[0]}\n\n````{{raw}} html\n{figure}\n````"
+
+    return re.sub(r"^```python\n(.*?)^```$", drawn, text, flags=re.MULTILINE | re.DOTALL)
 
 
 def entries(text: str) -> list[str]:

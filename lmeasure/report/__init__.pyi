@@ -26,6 +26,7 @@ from .plots import (
     scans_figure as scans_figure,
 )
 from .qualification import qualification_pdf as qualification_pdf
+from .rig_drawing import write_rig_page as write_rig_page
 from .robot import write_robot_page as write_robot_page
 from .structure import write_list_page as write_list_page, write_structure_page as write_structure_page
 from .summary import Glance as Glance, glance as glance

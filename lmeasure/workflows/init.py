@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lmeasure.core import SettingsError
-from lmeasure.text import composed, message
+from lmeasure.text import composed, message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, silent, sizes_of, workflow
-from lmeasure.workflows.settings import Paths, Writing, option, then
+from lmeasure.workflows.settings import BROWSER, Paths, Writing, option, then
 
 if TYPE_CHECKING:
     from lmeasure.rig import Rig
@@ -38,6 +38,8 @@ class Settings(Writing):
         str | None, option("Shape to start from; without it, `init` asks questions.", metavar="NAME", words="lmeasure.templates:TEMPLATES")
     ] = None
     list: Annotated[bool, option("List the templates only.", flag="--list")] = False
+    show: Annotated[bool, option("Also write rig.html: guide angles and drum dimensions as a drawing, beside the file.")] = False
+    browser: Annotated[bool, BROWSER] = True
 
     def following(self) -> str:
         """Return the command that lists the adapters of this machine, or writes a rig."""
@@ -49,7 +51,8 @@ class Settings(Writing):
             return Paths()
         names = ("rig", "drums", "placement", "scenario")
         files = (*(f"{name}.toml" for name in names), *(f"schemas/{name}.json" for name in names))
-        return Paths((self.out,) if self.out.suffix == ".toml" else inside(self.out, *files))
+        page = (self.out.with_suffix(".html") if self.out.suffix == ".toml" else self.out / "rig.html",) if self.show else ()
+        return Paths((*((self.out,) if self.out.suffix == ".toml" else inside(self.out, *files)), *page))
 
 
 @workflow
@@ -78,6 +81,11 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
     )
     _write(texts)
     main = settings.out if alone else settings.out / "rig.toml"
+    page = main.with_suffix(".html") if settings.show else None
+    if page is not None:
+        from lmeasure.report import write_rig_page
+
+        write_rig_page(page, rig, texts[main], of_terminal())
     reported = [composed("{file}: {text}", file=str(main), text=template.text)]
     if rig.assumed:
         reported.append(message("workflows.values_guesses_stand_list", count=len(rig.assumed)))
@@ -86,7 +94,7 @@ def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = No
     figures = {"cables": float(len(rig.cable)), "assumed": float(len(rig.assumed))}
     # a rig alone has no drums.toml to be filled in
     following = then("zone {rig} --out zone.nc", rig=main) if alone else then("drum {a} --rig {b} --out {c}", a=measures, b=main, c=to)
-    return Result(rig, tuple(reported), figures, next=following)
+    return Result(rig, tuple(reported), figures, next=following, page=page)
 
 
 def _write(texts: Mapping[Path, str]) -> None:

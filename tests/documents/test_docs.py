@@ -29,7 +29,7 @@ from lmeasure.workflows import COMMANDS
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-DATA = ("tests/authorities/truth", "tests/authorities/recordings-read", "datasets", "calibration")
+DATA = ("tests/authorities/truth", "tests/authorities/sealed", "tests/authorities/recordings-read", "datasets", "calibration")
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)#]+)(?:#[^)]*)?\)")
 
