@@ -18,6 +18,7 @@ from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, GUIDE_XYZ, RADIUS, span_l
 from lmeasure.qualification.nist_strd import judge_all
 from lmeasure.recording import Program
 from lmeasure.simulation import cell_rig
+from lmeasure.text import message
 from lmeasure.trajectory import Trajectory
 
 RUNS = 40
@@ -37,6 +38,12 @@ class Check:
     wanted: str
 
 
+def _within(code: str, mm: float) -> Check:
+    """Return a check of a largest difference."""
+    found, wanted = message("qualify.found.difference", mm=mm), message("qualify.wanted.difference", mm=SPACING_MM)
+    return Check(code, mm < SPACING_MM, found, wanted)
+
+
 def installed_files() -> Check:
     """Compare every installed file with the digest that its installer wrote down."""
     try:
@@ -45,9 +52,11 @@ def installed_files() -> Check:
         listed = []
     own = [f for f in listed if f.parts[0] == "lmeasure"]
     if not own:
-        return Check("files", True, "a source tree: no digests are installed", "digests of a wheel, where there is one")
+        return Check("files", True, message("qualify.found.source_tree"), message("qualify.wanted.digests"))
     changed = [str(f) for f in own if f.hash is None or not _has_digest(Path(str(f.locate())), f.hash.mode, f.hash.value)]
-    return Check("files", not changed, f"{len(own)} files, {len(changed)} changed {changed[:3]}", "no file changed")
+    same = message("qualify.found.files_same", files=len(own))
+    found = message("qualify.found.files", files=len(own), changed=len(changed), names=tuple(changed[:3])) if changed else same
+    return Check("files", not changed, found, message("qualify.wanted.no_change"))
 
 
 def _has_digest(path: Path, mode: str, value: str) -> bool:
@@ -63,8 +72,10 @@ def regressions() -> Check:
     wrong = [f"{j.name} from start {j.start}" for j in every if not j.right]
     right = sum(j.right and j.converged for j in every)
     worst = min(every, key=lambda j: j.digits)
-    found = f"{right} of {len(every)} to certified values, at least {worst.digits:.1f} digits ({worst.name}) {wrong[:3]}"
-    return Check("regressions", right == len(every), found, "54 of 54 to at least 4 digits")
+    values = {"all": len(every), "digits": worst.digits, "name": worst.name}
+    other = {"right": right, "names": tuple(wrong[:3])}
+    found = message("qualify.found.regressions", **values, **other) if wrong else message("qualify.found.regressions_right", **values)
+    return Check("regressions", right == len(every), found, message("qualify.wanted.regressions", all=len(every), digits=4))
 
 
 def cable_lengths() -> Check:
@@ -75,7 +86,7 @@ def cable_lengths() -> Check:
         poses = se3.displaced(np.tile(np.r_[np.zeros(6), 1.0], (50, 1)), np.repeat([0.3, 200.0], 3) * rng.uniform(-1, 1, (50, 6)))
         own = np.column_stack([_length(row, se3.apply(poses, row[ATTACHMENT_XYZ])) for row in rows])
         worst = max(worst, float(np.abs(span_lengths(rows, poses) - own).max()))
-    return Check("lengths", worst < SPACING_MM, f"{worst:.1e} mm", f"less than {SPACING_MM:g} mm")
+    return _within("lengths", worst)
 
 
 def _length(row: FloatArray, points: FloatArray) -> FloatArray:
@@ -113,8 +124,8 @@ def coverage() -> Check:
     return Check(
         "coverage",
         bool(n == RUNS and low <= held <= high and least <= ratio <= most),
-        f"{held} of {n} runs, squared errors {ratio:.2f} of those stated",
-        f"{low} to {high} of {RUNS}, {least:.2f} to {most:.2f}",
+        message("qualify.found.coverage", held=int(held), all=n, ratio=ratio),
+        message("qualify.wanted.coverage", low=low, high=high, all=RUNS, least=float(least), most=float(most)),
     )
 
 
@@ -126,7 +137,7 @@ def formulas() -> Check:
     off = np.linalg.norm(attained - attained.mean(axis=0), axis=1)
     wanted = {"AP_p": float(np.linalg.norm(attained.mean(axis=0) - commanded)), "RP_l": float(off.mean() + 3.0 * off.std(ddof=1))}
     worst = max(abs(found[name] - value) for name, value in wanted.items())
-    return Check("formulas", worst < SPACING_MM, f"{worst:.1e} mm", f"less than {SPACING_MM:g} mm")
+    return _within("formulas", worst)
 
 
 def _test_of_a_robot(seed: int, folder: Path) -> tuple[Path, Program, FloatArray, FloatArray]:
@@ -149,7 +160,8 @@ def reproducibility() -> Check:
     """Compute one run twice, and compare all digits."""
     first, second = (_simulated(1)[0] for _ in range(2))
     same = first.poses.tobytes() == second.poses.tobytes() and first.random.tobytes() == second.random.tobytes()
-    return Check("reproducibility", same, "the same bytes" if same else "other bytes", "the same bytes")
+    wanted = message("qualify.found.same_bytes")
+    return Check("reproducibility", same, wanted if same else message("qualify.found.other_bytes"), wanted)
 
 
 def sealed_certificates() -> Check:
@@ -167,7 +179,8 @@ def sealed_certificates() -> Check:
         digit = next(i for i in range(begin, len(text)) if text[i] in "12345678")
         path.write_text(f"{text[:digit]}{int(text[digit]) + 1}{text[digit + 1 :]}", encoding="utf-8")
         bad = api.verify(copy).exit_code
-    return Check("certificates", (good, bad) == (0, 1), f"exit codes {good} and {bad}", "0 for the sealed one, 1 for the changed one")
+    found = message("qualify.found.exit_codes", sealed=good, changed=bad)
+    return Check("certificates", (good, bad) == (0, 1), found, message("qualify.wanted.exit_codes"))
 
 
 CHECKS: tuple[Callable[[], Check], ...] = (

@@ -20,7 +20,7 @@ def run_checks(progress: Callable[[int, int], None]) -> tuple[Check, ...]:
         try:
             out.append(check())
         except Exception as error:  # a planted fault may break anything
-            out.append(Check(check.__name__, False, f"{type(error).__name__}: {error}"[:300], "no error"))
+            out.append(Check(check.__name__, False, f"{type(error).__name__}: {error}"[:300], message("qualify.wanted.no_error")))
         progress(i + 1, len(CHECKS))
     return tuple(out)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lmeasure.core import FileFormatError, FloatArray, IntArray, LMeasureError
 from lmeasure.io import files
-from lmeasure.text import message
+from lmeasure.text import Message, message, of_terminal
 from lmeasure.view.viewer import check_recording
 
 Colour = tuple[int, int, int]
@@ -56,6 +56,16 @@ def _room(path: Path) -> None:
     """OSError where the file cannot grow; it is left as one that cannot be used."""
     with path.open("ab") as file:
         file.write(bytes(1 << 16))
+
+
+def shown(line: str) -> str:
+    """Return a line in the language of the terminal."""
+    return line.text(of_terminal()) if isinstance(line, Message) else line
+
+
+def named(name: str, /, **values: object) -> str:
+    """Return the name of a part of a recording in the language of the terminal."""
+    return message(f"view.name.{name}", **values).text(of_terminal())
 
 
 def entity_path(*parts: str) -> str:

@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 from lmeasure.core import FloatArray
 from lmeasure.recording import Program
 from lmeasure.rig import Rig
-from lmeasure.view.recording import cable_colour, entity_path, recording, send_measurements, send_scalars, time_indexes
+from lmeasure.view.recording import cable_colour, entity_path, named, recording, send_measurements, send_scalars, shown, time_indexes
 from lmeasure.view.space import GREY, MAX_PATH_POINTS, PLAIN, THICK, THIN, Thinned, draw_path, log_rig, metres, send_tool
 
 STEP_MM = 10.0
@@ -75,12 +75,14 @@ def write_scene(
             entity = entity_path(group, name)
             rec.log(entity, rr.SeriesLines(names=name), static=True)
             one.send(rec, entity)
-        text = "\n".join([f"# {title}", "", *(f"- {line}" for line in lines)])
+        text = "\n".join([f"# {title}", "", *(f"- {shown(line)}" for line in lines)])
         rec.log("/notes", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
         plots: list[rrb.View] = [rrb.TimeSeriesView(name=group, origin=entity_path(group)) for group in dict.fromkeys(g for g, _ in series)]
         right = [rrb.Tabs(*plots)] if plots else []
         space = rrb.Spatial3DView(name=title, origin="/world")
-        layout = rrb.Horizontal(space, rrb.Vertical(*right, rrb.TextDocumentView(name="Notes", origin="/notes")), column_shares=[3, 2])
+        layout = rrb.Horizontal(
+            space, rrb.Vertical(*right, rrb.TextDocumentView(name=named("notes"), origin="/notes")), column_shares=[3, 2]
+        )
         rec.send_blueprint(rrb.Blueprint(layout, rrb.TimePanel(state="collapsed")), make_active=True, make_default=True)
 
 

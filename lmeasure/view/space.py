@@ -12,6 +12,7 @@ from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, GUIDE_XYZ, RADIUS, wrap_geometry
 from lmeasure.recording import Poses
 from lmeasure.rig import Rig
+from lmeasure.text import Message, message
 from lmeasure.view.recording import CABLE_COLOURS, Colour, cable_colour, changed_rows, entity_path
 
 
@@ -148,7 +149,7 @@ def _log_looks(rec: rr.RecordingStream, rig: Rig, *, place_only: bool) -> None:
 
 def thinned_note(frames: Thinned) -> list[str]:
     """What is to be said of frames that are fewer than the samples."""
-    text = f"cables, pulleys and platform are drawn at {len(frames)} of {frames.seen} samples; the tool and all scalars are whole"
+    text = message("view.frames", drawn=len(frames), samples=frames.seen)
     return [text] if len(frames) < frames.seen else []
 
 
@@ -163,7 +164,7 @@ def draw_path(rec: rr.RecordingStream, entity: str, path: Thinned, colour: Colou
     """The way of the tool origin through rows of its place [mm] and 1, or 0 where it is not known: there it is broken."""
     strips = [metres(part[:, :3]) for part in np.split(path.rows, changed_rows(path.rows[:, 3])[1:]) if part[0, 3] and len(part) > 1]
     rec.log(entity, rr.LineStrips3D(strips, colors=colour, radii=THIN), static=True)
-    return [f"the line {entity} shows {len(path)} of {path.seen} samples"] if len(path) < path.seen else []
+    return [message("view.line", entity=entity, drawn=len(path), samples=path.seen)] if len(path) < path.seen else []
 
 
 def draw_shaded_path(rec: rr.RecordingStream, entity: str, path: Thinned) -> list[str]:
@@ -186,9 +187,15 @@ def draw_shaded_path(rec: rr.RecordingStream, entity: str, path: Thinned) -> lis
                 strips.append(metres(path.rows[part[begin : end + 1], :3]))
                 colours.append(_zone_colour(shade[part[begin]] / SHADES) if shade[part[begin]] >= 0.0 else PLAIN)
     rec.log(entity, rr.LineStrips3D(strips, colors=colours, radii=THICK), static=True)
-    ends = ", ".join(f"{name} {10.0**value:.3g} mm" for name, value in (("teal", low), ("yellow", middle), ("red", top)))
-    fewer = [f"the line {entity} shows {len(path)} of {path.seen} samples"] if len(path) < path.seen else []
-    return [*fewer, f"colours of the line {entity} are the 95 % radius: {ends}"]
+    fewer = [message("view.line", entity=entity, drawn=len(path), samples=path.seen)] if len(path) < path.seen else []
+    return [*fewer, _shades(entity, low, middle, top)]
+
+
+def _shades(entity: str, *ends: float) -> Message:
+    """Return the meaning of the colours: the logarithms of the least, the middle and the largest radius [mm]."""
+    return message(
+        "view.shades", entity=entity, **{name: float(10.0**end) for name, end in zip(("low", "middle", "top"), ends, strict=True)}
+    )
 
 
 def _rising(low: float, middle: float, top: float) -> tuple[float, float, float]:
@@ -219,16 +226,14 @@ def log_zone(rec: rr.RecordingStream, zone: xr.Dataset) -> list[str]:
     nodes = np.stack(np.meshgrid(*(zone[axis].to_numpy() for axis in "xyz"), indexing="ij"), axis=-1)
     limit = float(zone.attrs["limit_deg"])
     known = np.isfinite(angle)
-    shade, middle, top, reported = angle, limit, 90.0, "teal is small, yellow the limit, red 90 deg"
+    shade, middle, top, reported = angle, limit, 90.0, message("view.shades_angle", entity="/world/zone")
     if "u95_position_mm" in zone:
         u95 = zone["u95_position_mm"].transpose("x", "y", "z").to_numpy().astype(np.float64)
         ends = np.log10(np.percentile(u95[np.isfinite(u95) & (u95 > 0.0)], (0, 50, 95))) if np.isfinite(u95).any() else np.zeros(3)
         # logarithms, from the least on: few places would else take all the colours
         shade = np.log10(np.where(np.isfinite(u95) & (u95 > 0.0), u95, 10.0 ** ends[2])) - ends[0]
         middle, top = ends[1] - ends[0], max(ends[2] - ends[0], 1e-9)
-        reported = "colours are the 95 % radius: " + ", ".join(
-            f"{colour} {10.0**end:.3g} mm" for colour, end in zip(("teal", "yellow", "red"), ends, strict=True)
-        )
+        reported = _shades("/world/zone", *ends)
     for name, mask, radius in (("inside", inside & known, THICK), ("outside", ~inside & known, THIN)):
         values = angle[mask]
         shades = [np.interp(shade[mask], (0.0, middle, top), channel) for channel in zip(*ZONE_COLOURS, strict=True)]
@@ -240,6 +245,7 @@ def log_zone(rec: rr.RecordingStream, zone: xr.Dataset) -> list[str]:
         rec.log("/world/zone/surface", skin, static=True)
     drawn = int((inside & known).sum())
     return [
-        f"zone: {drawn} of {angle.size} nodes inside a worst pressure angle of {limit:g} deg; {reported}",
-        *([f"zone: {int((~known).sum())} nodes have no angle and are not drawn"] if not known.all() else []),
+        message("view.zone", inside=drawn, all=int(angle.size), limit=limit),
+        reported,
+        *([message("view.zone_unknown", count=int((~known).sum()))] if not known.all() else []),
     ]

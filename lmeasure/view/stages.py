@@ -19,7 +19,7 @@ from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import LengthResiduals, Lengths, length_residuals
 from lmeasure.text import message, signs
 from lmeasure.trajectory import Each, Trajectory, align
-from lmeasure.view.recording import CableSeries, cable_colour, entity_path, indexes_at, recording, send_scalars, time_indexes
+from lmeasure.view.recording import CableSeries, cable_colour, entity_path, indexes_at, named, recording, send_scalars, shown, time_indexes
 from lmeasure.view.space import (
     GREY,
     MAX_FRAMES,
@@ -44,7 +44,7 @@ def log_truth(rec: rr.RecordingStream, rig: Rig, run: Run, poses: FloatArray) ->
     frames.add(np.column_stack([time_s, poses]), np.zeros(1, np.int64))
     send_tool(rec, time_indexes(time_s), poses, place_only=False)
     draw_frames(rec, rig, indexes_at(frames.rows[:, 0], frames.numbers), frames.rows[:, 1:], place_only=False)
-    return ["tool and cables move as they truly did", *thinned_note(frames)]
+    return [message("view.true_motion"), *thinned_note(frames)]
 
 
 def log_record(rec: rr.RecordingStream, record: CalibrationRecord, reference: Poses | None) -> list[str]:
@@ -57,9 +57,9 @@ def log_record(rec: rr.RecordingStream, record: CalibrationRecord, reference: Po
         rec.log(entity, rr.SeriesLines(colors=cable_colour(j), names=channel), static=True)
         values = np.array([mine[names[i - 1]] for i in rows])
         send_scalars(rec, entity, [rr.TimeColumn("pose", sequence=rows)], values)
-    lines = [f"**{w.code}**: {w.text}" for w in record.warnings]
-    lines += [f"undetermined at {u.point}: {u.text}" for u in record.unobservable]
-    lines.append(f"calibration: {record.equations} equations, {record.unknowns} unknowns, rank {record.rank}")
+    lines = [f"**{w.code}**: {shown(w.text)}" for w in record.warnings]
+    lines += [message("view.undetermined", point=u.point, text=u.text) for u in record.unobservable]
+    lines.append(message("view.calibration", equations=record.equations, unknowns=record.unknowns, rank=record.rank))
     return lines
 
 
@@ -98,7 +98,7 @@ def write_recording(
                 residuals = length_residuals(align(run).run, trajectory.poses)
                 _residual_series(rec, rig).add(trajectory.time_s, residuals)
                 reported = _tells(residuals)
-                lines += [] if reported else [NOTHING_LEFT]
+                lines += [] if reported else [message("view.no_residuals")]
         if truth is not None:
             if trajectory is None and run is not None:
                 lines += log_truth(rec, rig, run, truth)
@@ -142,7 +142,7 @@ def streamed_recording(path: Path, head: RunHead) -> Iterator[Each]:
             rec.flush()
 
         yield add
-        _log_notes(rec, rig, [*motion.end(), *([] if reported else [NOTHING_LEFT])])
+        _log_notes(rec, rig, [*motion.end(), *([] if reported else [message("view.no_residuals")])])
         rec.send_blueprint(_blueprint(rig, 1, trajectory=True, residuals=reported), make_active=True, make_default=True)
 
 
@@ -158,9 +158,6 @@ def _recording_of(rig: Rig, path: Path) -> Iterator[rr.RecordingStream]:
 GRID_M, FAINT = 0.5, (120, 120, 120, 60)
 """Lines of the floor, which lies under the lowest observation point: half a metre apart."""
 ROUNDING_MM = 1e-6
-NOTHING_LEFT = (
-    "residuals of the cables are rounding alone, less than 1e-6 mm, and no plot shows them: as many cables as unknowns leave nothing over"
-)
 
 
 def _tells(residuals: FloatArray) -> bool:
@@ -186,14 +183,9 @@ def write_counts_recording(path: Path, rig: Rig, counts: Sequence[Path]) -> None
 
 def _log_notes(rec: rr.RecordingStream, rig: Rig, lines: Sequence[str]) -> None:
     """The page beside the pictures."""
-    head = [
-        f"# {rig.name}",
-        "",
-        "Space in metres, base frame, Z up. Scalars carry their unit in the name; the record of truth is Parquet.",
-        "",
-    ]
-    assumed = [f"assumed, measured by nobody: {', '.join(rig.assumed)}"] if rig.assumed else []
-    text = "\n".join([*head, *(f"- {signs(line)}" for line in [*lines, *assumed])]) + "\n"
+    head = [f"# {rig.name}", "", shown(message("view.head")), ""]
+    assumed = [message("view.assumed", names=tuple(rig.assumed))] if rig.assumed else []
+    text = "\n".join([*head, *(f"- {signs(shown(line))}" for line in [*lines, *assumed])]) + "\n"
     rec.log("/notes", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
@@ -223,32 +215,29 @@ def _blueprint(
 
     # a zone is full of nodes: it has a view of its own, or hides the gripper
     moving = trajectory or passes > 0 or record
-    spaces = [space("Rig and gripper", ["$origin/**", "- $origin/zone/**"])] if moving or not zone else []
-    spaces += [space("Accuracy zone", ["$origin/**"])] if zone else []
+    spaces = [space(named("rig"), ["$origin/**", "- $origin/zone/**"])] if moving or not zone else []
+    spaces += [space(named("zone"), ["$origin/**"])] if zone else []
     pages: list[rrb.Vertical] = []
     if trajectory:
-        motion: list[rrb.View] = [
-            plot("Position [mm], band: standard uncertainty", "/position_mm"),
-            plot("Worst pressure angle [deg]", "/worst_pressure_angle_deg"),
-        ]
+        motion: list[rrb.View] = [plot(named("position"), "/position_mm"), plot(named("pressure_angle"), "/worst_pressure_angle_deg")]
         if residuals:
-            motion.append(plot("Residual of each cable [mm]", "/residual_mm"))
-        motion.append(rrb.StateTimelineView(name="Status", origin="/status_lane"))
-        spread: list[rrb.View] = [plot("Error against truth, band: standard uncertainty", "/errors")] if errors else []
-        spread += [
-            plot("Standard uncertainty, position [mm]", "/u_position_mm"),
-            plot("Standard uncertainty, rotation [rad]", "/u_rotation_rad"),
+            motion.append(plot(named("residuals"), "/residual_mm"))
+        motion.append(rrb.StateTimelineView(name=named("status"), origin="/status_lane"))
+        spread: list[rrb.View] = [plot(named("errors"), "/errors")] if errors else []
+        spread += [plot(named("u_position"), "/u_position_mm"), plot(named("u_rotation"), "/u_rotation_rad")]
+        pages += [
+            rrb.Vertical(*motion, name=named("motion"), row_shares=[2] * (len(motion) - 1) + [1]),
+            rrb.Vertical(*spread, name=named("uncertainty")),
         ]
-        pages += [rrb.Vertical(*motion, name="Motion", row_shares=[2] * (len(motion) - 1) + [1]), rrb.Vertical(*spread, name="Uncertainty")]
     if passes:
-        plots = [plot(f"Counts, pass {i}", f"/counts/pass{i}") for i in range(1, passes + 1)]
-        pages.append(rrb.Vertical(*plots, name="Counts"))
+        plots = [plot(named("counts_pass", number=i), f"/counts/pass{i}") for i in range(1, passes + 1)]
+        pages.append(rrb.Vertical(*plots, name=named("counts")))
     if record:
-        of_poses = plot("Calibration residuals [mm] (timeline: pose)", "/calibration_residual_mm")
-        pages.append(rrb.Vertical(of_poses, name="Calibration"))
-    text: list[rrb.View] = [rrb.TextDocumentView(name="Notes", origin="/notes")]
+        of_poses = plot(named("calibration_residuals"), "/calibration_residual_mm")
+        pages.append(rrb.Vertical(of_poses, name=named("calibration")))
+    text: list[rrb.View] = [rrb.TextDocumentView(name=named("notes"), origin="/notes")]
     if trajectory:
-        text.append(rrb.TextLogView(name="Status", origin="/status"))
+        text.append(rrb.TextLogView(name=named("status"), origin="/status"))
     right = rrb.Vertical(rrb.Tabs(*pages), rrb.Tabs(*text), row_shares=[3, 1]) if pages else rrb.Tabs(*text)
     timeline = "time" if passes or trajectory else "pose"
     return rrb.Blueprint(

@@ -11,12 +11,12 @@ from lmeasure.core import FloatArray, se3
 from lmeasure.linkages import LINKS, incidence
 from lmeasure.robots import ParallelFile, drawn, motion, nearness
 from lmeasure.structure import Linkage, described_lines
-from lmeasure.view.recording import cable_colour, recording
+from lmeasure.view.recording import cable_colour, named, recording, shown
 from lmeasure.view.space import CABLE, GREY, PLAIN, THICK, metres
 
 PLATFORM, BOUNDARY, LEAST = (86, 150, 255), (120, 220, 120), (190, 120, 255)
 FACES = np.array([(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)], dtype=np.uint32)
-MEASURES = {"determinant": "Determinant [mm3]", "mm_per_mm": "Rim [mm per mm]", "worst_pressure_angle_deg": "Worst pressure angle [deg]"}
+MEASURES = {"determinant": "determinant", "mm_per_mm": "rim", "worst_pressure_angle_deg": "pressure_angle"}
 
 
 def write_structure_recording(path: Path, name: str, linkage: Linkage, record: dict[str, Any], *, pose: FloatArray | None) -> None:
@@ -26,10 +26,10 @@ def write_structure_recording(path: Path, name: str, linkage: Linkage, record: d
         rec.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         labels = [point for _, point, _ in linkage.names]
         rec.log("/world/base", rr.Points3D(metres(linkage.base), radii=THICK, colors=PLAIN, labels=labels), static=True)
-        shown = [] if pose is None else [(0, pose)]
+        poses = [] if pose is None else [(0, pose)]
         for i, one in enumerate(record.get("assemblies", []), 1):
-            shown.append((i, np.array([*one["position_mm"], *one["quaternion_xyzw"]])))
-        for number, at in shown:
+            poses.append((i, np.array([*one["position_mm"], *one["quaternion_xyzw"]])))
+        for number, at in poses:
             rec.set_time("assembly", sequence=number)
             _log_platform(rec, linkage, at)
             _log_tetrahedra(rec, linkage, at)
@@ -49,7 +49,7 @@ def write_structure_recording(path: Path, name: str, linkage: Linkage, record: d
             rec.log(f"/world/boundary/{k}", rr.LineStrips3D([metres(strip)], colors=BOUNDARY, radii=CABLE), static=True)
         if "way" in record:
             _log_way(rec, linkage, record["way"])
-        lines = "\n".join(f"- {line.strip()}" for line in described_lines(record))
+        lines = "\n".join(f"- {shown(line).strip()}" for line in described_lines(record))
         rec.log("/notes", rr.TextDocument(f"# {name}\n\n{lines}\n", media_type=rr.MediaType.MARKDOWN), static=True)
         rec.send_blueprint(_blueprint("way" in record), make_active=True, make_default=True)
 
@@ -89,9 +89,9 @@ def _log_way(rec: rr.RecordingStream, linkage: Linkage, way: dict[str, Any]) -> 
 
 
 def _blueprint(way: bool) -> rrb.Blueprint:
-    space: rrb.View = rrb.Spatial3DView(name="Structure", origin="/world", line_grid=rrb.LineGrid3D(visible=False))
-    notes: rrb.View = rrb.TextDocumentView(name="Notes", origin="/notes")
-    right: list[rrb.View] = [rrb.TimeSeriesView(name=name, origin=f"/way/{key}") for key, name in MEASURES.items()] if way else []
+    space: rrb.View = rrb.Spatial3DView(name=named("structure"), origin="/world", line_grid=rrb.LineGrid3D(visible=False))
+    notes: rrb.View = rrb.TextDocumentView(name=named("notes"), origin="/notes")
+    right: list[rrb.View] = [rrb.TimeSeriesView(name=named(name), origin=f"/way/{key}") for key, name in MEASURES.items()] if way else []
     return rrb.Blueprint(rrb.Horizontal(space, rrb.Vertical(*right, notes), column_shares=[3, 2]), rrb.TimePanel(state="expanded"))
 
 
@@ -120,7 +120,7 @@ def write_mechanism_recording(path: Path, file: ParallelFile) -> None:
         rec.reset_time()
         space = rrb.Spatial3DView(name=file.name, origin="/world", line_grid=rrb.LineGrid3D(visible=False))
         units = dict.fromkeys("mm" if slides else "deg" for slides in robot.sliding)
-        views: list[rrb.View] = [rrb.TimeSeriesView(name=f"Joints [{unit}]", origin=f"/joints/{unit}") for unit in units]
-        views.append(rrb.TimeSeriesView(name="Distance from a singular pose", origin="/nearness"))
+        views: list[rrb.View] = [rrb.TimeSeriesView(name=named("joints", unit=unit), origin=f"/joints/{unit}") for unit in units]
+        views.append(rrb.TimeSeriesView(name=named("nearness"), origin="/nearness"))
         layout = rrb.Horizontal(space, rrb.Vertical(*views), column_shares=[3, 2])
         rec.send_blueprint(rrb.Blueprint(layout, rrb.TimePanel(state="expanded")), make_active=True, make_default=True)

@@ -1,5 +1,6 @@
 """Zones and calibrations in the viewer: clouds, skin, colours, a timeline of their own."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -87,7 +88,7 @@ def test_zone_is_coloured_by_its_radius_where_that_is_known(tmp_path: Path) -> N
     by_radius = sorted((radius[::-1][np.isclose(angles, a)][0], redness) for a, redness in shown)
     assert (np.diff([redness for r, redness in by_radius]) >= 0).all()
     assert by_radius[0][1] < by_radius[-1][1] - 100
-    assert "colours are the 95 % radius" in stored(tmp_path / "zone.rrd", "/notes", "TextDocument:text")[1][0][0]
+    assert "colours of /world/zone are the 95 % radius" in stored(tmp_path / "zone.rrd", "/notes", "TextDocument:text")[1][0][0]
 
 
 def test_calibration_on_its_own_timeline(tmp_path: Path) -> None:
@@ -113,3 +114,11 @@ def test_calibration_on_its_own_timeline(tmp_path: Path) -> None:
     notes = stored(path, "/notes", "TextDocument:text")[1][0][0]
     assert "undetermined at B1: moves along its line of sight" in notes
     assert "**underdetermined**: three equations, five unknowns" in notes
+
+
+def test_notes_are_in_the_language_of_the_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LANGUAGE", "ru")
+    write_recording(tmp_path / "zone.rrd", cell_rig(0), zone=zone())
+    (text,) = stored(tmp_path / "zone.rrd", "/notes", "TextDocument:text")[1][0]
+    assert "зона: " in text
+    assert not re.search("[a-z]{4,}", re.sub(r"#.*|/world/\w+|Parquet", "", text))
