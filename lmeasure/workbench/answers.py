@@ -24,7 +24,7 @@ from lmeasure.workbench.jobs import DONE, FAILED, Job, Jobs
 from lmeasure.workbench.processes import prepared
 from lmeasure.workbench.project import OutsideError, Project, inside, look_at
 from lmeasure.workbench.project_list import Shelf
-from lmeasure.workbench.text import preferred, said
+from lmeasure.workbench.text import preferred, said, why
 from lmeasure.workbench.worker import Queue
 
 HERE = Path(__file__).parent
@@ -211,15 +211,16 @@ def posted(answer: Callable[[Request, Form], Response]) -> Callable[[Request], A
 
 def unread(request: Request, error: Exception) -> Response:
     """Say of what is no file of the project that it is not found, of what is there that it cannot be read, by its path in the project."""
-    missing, language, text = isinstance(error, OutsideError), language_of(request), within(bench_of(request).folder, error)
+    missing, language = isinstance(error, OutsideError), language_of(request)
+    text = within(bench_of(request).folder, error, language)
     if request.scope["path"].startswith(OF_PROGRAMS):
         return JSONResponse({"error": said(language, text)}, 404 if missing else 422)
     return lost(request, text) if missing else refused(request, 422, said(language, "workbench.cannot_read"), text)
 
 
-def within(folder: Path, error: Exception) -> str:
-    """What an error says, with paths as they are called in the project."""
-    return str(error).replace(f"{folder.resolve()}{os.sep}", "").replace(f"{folder}{os.sep}", "")
+def within(folder: Path, error: Exception, language: str) -> str:
+    """Return what an error says, with paths as they are called in the project."""
+    return why(language, error).replace(f"{folder.resolve()}{os.sep}", "").replace(f"{folder}{os.sep}", "")
 
 
 def lost(request: Request, text: str) -> Response:

@@ -14,6 +14,7 @@ from lmeasure.text import message
 from lmeasure.workbench import forms
 from lmeasure.workbench.answers import Bench, bench_of, job_of, page
 from lmeasure.workbench.project import OWN
+from lmeasure.workbench.text import why
 from lmeasure.workflows import COMMANDS, load, options_of
 
 
@@ -41,7 +42,7 @@ async def jobs(request: Request) -> Response:
         words = await run_in_threadpool(forms.asked, command, asked, bench.folder)
         job = await bench.jobs.begin(words)
     except LMeasureError as failed:
-        return JSONResponse({"error": str(failed), "option": getattr(failed, "option", "")}, 422)
+        return JSONResponse({"error": why("en", failed), "option": getattr(failed, "option", "")}, 422)
     return JSONResponse(job.about(), 201)
 
 

@@ -106,7 +106,8 @@ def _certificate_in(folder: Path, name: str) -> Path:
 
 
 def _not_verified(request: Request, error: Exception) -> Response:
-    return refused(request, 422, said(language_of(request), "workbench.not_verified"), within(bench_of(request).folder, error))
+    language = language_of(request)
+    return refused(request, 422, said(language, "workbench.not_verified"), within(bench_of(request).folder, error, language))
 
 
 class Point(NamedTuple):

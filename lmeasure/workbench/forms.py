@@ -11,7 +11,7 @@ from typing import Any
 
 from lmeasure.core import LMeasureError, SettingsError
 from lmeasure.io import LARGEST_NAME
-from lmeasure.text import message
+from lmeasure.text import message, reason
 from lmeasure.workbench.project import OutsideError, Project, inside
 from lmeasure.workflows import Option, Writing, as_arguments, command_line, former_options, load, options_of, other_flags, own_bus, said_of
 
@@ -243,7 +243,7 @@ def _confined(option: Option, text: str, folder: Path) -> None:
             if "/" in part or "\\" in part or part.startswith((".", "~")) or (folder / part).is_symlink():
                 _own_or_device(part, folder)
     except LMeasureError as error:
-        raise SettingsError(option.name, str(error)) from None
+        raise SettingsError(option.name, reason(error)) from None
 
 
 def _own_or_device(part: str, folder: Path) -> None:

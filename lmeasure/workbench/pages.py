@@ -23,7 +23,7 @@ from lmeasure.workbench.cell_state import CellState, cell_state
 from lmeasure.workbench.jobs import DONE, FAILED, RUNNING, Job
 from lmeasure.workbench.project import OutsideError, Project, following, steps
 from lmeasure.workbench.project_list import Shelf
-from lmeasure.workbench.text import said
+from lmeasure.workbench.text import said, why
 from lmeasure.workflows import COMMANDS, JOBS, command_help, job_name
 
 STEP_NAMES = {
@@ -139,8 +139,8 @@ def _asked(request: Request, form: Form | None) -> Response | list[str]:
         option, text = lacking(name, given)
         if option:
             raise SettingsError(option, said(language_of(request), text))
-        if why := hindered(name, given, bench.folder):
-            raise SettingsError("run", said(language_of(request), why))
+        if hindrance := hindered(name, given, bench.folder):
+            raise SettingsError("run", said(language_of(request), hindrance))
         if there := forms.existing(name, given, bench.folder):
             text = "workbench.exists_tick_this_replace"
             raise SettingsError("force", said(language_of(request), text, file=there))
@@ -154,7 +154,7 @@ def _asked(request: Request, form: Form | None) -> Response | list[str]:
 def _wrong(request: Request, form: Form, error: LMeasureError) -> Response:
     """The form of a command, with what is wrong with it."""
     name = request.path_params["command"]
-    reported = error if isinstance(error, SettingsError) else str(error)
+    reported = error if isinstance(error, SettingsError) else why(language_of(request), error)
     return _form(request, name, given=forms.filled_in(name, form), error=reported, status=422)
 
 
@@ -168,13 +168,17 @@ def line(request: Request, form: Form) -> Response:
     try:
         forms.asked(name, given, bench.folder)
     except LMeasureError as error:
-        return JSONResponse({"line": words, "option": getattr(error, "option", ""), "error": getattr(error, "text", str(error))})
+        language = language_of(request)
+        text = said(language, error.text) if isinstance(error, SettingsError) else why(language, error)
+        return JSONResponse({"line": words, "option": getattr(error, "option", ""), "error": text})
     option, text = lacking(name, given)
     if option:
         return JSONResponse({"line": words, "option": option, "error": said(language_of(request), text)})
-    why = hindered(name, given, bench.folder)
+    hindrance = hindered(name, given, bench.folder)
     start = f"/start/{quote(str(given.get('run') or given.get('measured')))}"
-    return JSONResponse({"line": words, "error": None} | ({"hindered": said(language_of(request), why), "mend": start} if why else {}))
+    return JSONResponse(
+        {"line": words, "error": None} | ({"hindered": said(language_of(request), hindrance), "mend": start} if hindrance else {})
+    )
 
 
 def _outputs(command: str, given: Mapping[str, Any]) -> list[str]:
@@ -275,7 +279,7 @@ async def begin(request: Request) -> Response:
     try:
         await run_in_threadpool(shelf.begin, name)
     except OutsideError as error:
-        return await home(request, wrong=str(error), typed=name)
+        return await home(request, wrong=why(language_of(request), error), typed=name)
     return RedirectResponse("/#projects", 303)
 
 
@@ -288,7 +292,7 @@ def go(request: Request) -> Response:
             raise OutsideError(message("error.there_is_no_such_project", where=path.name))
         return RedirectResponse(shelf.desk.address(path, shelf), 303)
     except LMeasureError as error:
-        return lost(request, str(error))
+        return lost(request, why(language_of(request), error))
 
 
 ROUTES = (

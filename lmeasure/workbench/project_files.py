@@ -22,7 +22,7 @@ from lmeasure.workbench import guard, rig_form
 from lmeasure.workbench.answers import HERE, Form, as_file, bench_of, file_of, language_of, page, posted, uploads_of, within
 from lmeasure.workbench.cards import card
 from lmeasure.workbench.project import OutsideError, inside
-from lmeasure.workbench.text import said
+from lmeasure.workbench.text import said, why
 from lmeasure.workbench.uploads import take_in
 
 LARGEST_TEXT = 200_000
@@ -118,7 +118,7 @@ async def upload(request: Request) -> Response:
             target = await run_in_threadpool(inside, bench.folder, into)
             taken = await run_in_threadpool(take_in, target, uploads)
         except (LMeasureError, OSError) as error:
-            return await run_in_threadpool(_everything, request, within(bench.folder, error), into)
+            return await run_in_threadpool(_everything, request, within(bench.folder, error, language_of(request)), into)
     if form.get("then", [""])[-1] == "import":
         logs = [path.relative_to(bench.folder).as_posix() for path in taken]
         return RedirectResponse(f"/run/import?{urlencode({'logs': logs}, doseq=True)}", 303)
@@ -176,11 +176,11 @@ def rig_scene(request: Request) -> Response:
     try:
         path = inside(bench_of(request).folder, request.query_params.get("file", ""))
     except (LMeasureError, OSError) as error:
-        return JSONResponse({"error": str(error)}, 422)
+        return JSONResponse({"error": why(language_of(request), error)}, 422)
     try:
         return JSONResponse(rig_form.scene(path))
     except (LMeasureError, OSError, RecursionError) as error:
-        return JSONResponse({"error": str(error)})
+        return JSONResponse({"error": why(language_of(request), error)})
 
 
 async def coarse(request: Request) -> Response:
@@ -193,11 +193,13 @@ async def coarse(request: Request) -> Response:
         points = {str(name): tuple(float(v) for v in at) for name, at in content["points"].items()}
         limit = float(content.get("limit_deg", 60.0))
     except (LMeasureError, OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
-        return JSONResponse({"error": str(error) if isinstance(error, LMeasureError) else "wanted: {file, points, limit_deg}"}, 422)
+        return JSONResponse(
+            {"error": why(language_of(request), error) if isinstance(error, LMeasureError) else "wanted: {file, points, limit_deg}"}, 422
+        )
     try:
         return JSONResponse(await run_in_threadpool(rig_form.coarse, path, points, limit))
     except (LMeasureError, OSError) as error:
-        return JSONResponse({"error": str(error)})
+        return JSONResponse({"error": why(language_of(request), error)})
     except (ValueError, TypeError, RecursionError):
         return JSONResponse({"error": "wanted: {file, points, limit_deg}"}, 422)
 

@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 
 from lmeasure.core import LMeasureError
 from lmeasure.io import os_reason
-from lmeasure.text import Message, message
+from lmeasure.text import Message, message, reason
 from lmeasure.workbench.project import OWN, OutsideError
 from lmeasure.workbench.uploads import DEVICES
 
@@ -89,7 +89,7 @@ def _due(folder: Path) -> tuple[tuple[Message, ...], bool]:
         finally:
             register.close()
     except (LMeasureError, OSError, ValueError) as error:
-        return (message("workbench.register_unreadable", why=str(error)),), True
+        return (message("workbench.register_unreadable", why=reason(error)),), True
     lines = tuple(one.said(today) for one in found)
     return lines or (message("workbench.register_has", count=sum(kinds)),), any(one.overdue(today) for one in found)
 

@@ -11,9 +11,10 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from lmeasure.core import CertificationError, FloatArray
-from lmeasure.workbench.answers import bench_of, page
+from lmeasure.workbench.answers import bench_of, language_of, page
 from lmeasure.workbench.project import OutsideError, inside
 from lmeasure.workbench.project_list import REGISTER
+from lmeasure.workbench.text import why
 
 if TYPE_CHECKING:
     from lmeasure.register import Register
@@ -82,11 +83,11 @@ def charts(request: Request) -> Response:
         try:
             drawn += [_chart(days, c.name, c.statistic, c.limit) for c in control_charts(values, BASELINE)]
         except CertificationError as error:
-            reason = str(error)
+            reason = why(language_of(request), error)
     try:
         low, high = forecast(days, values, u).interval(days[-1] + 365.25)
     except CertificationError as error:
-        reason = reason or str(error)
+        reason = reason or why(language_of(request), error)
     shown = {"unit": unit, "rows": rows, "charts": drawn, "interval": None if low is None else (low, high), "reason": reason}
     return _page(request, "charts", **asked, **shown, baseline=BASELINE, width=WIDTH, high=HIGH)
 

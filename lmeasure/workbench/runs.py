@@ -41,7 +41,7 @@ def _run(folder: Path, path: str, language: str) -> RunAt:
     try:
         head = read_run_head(folder / path)
     except (LMeasureError, OSError) as error:
-        return RunAt(path, "unread", within(folder, error), ())
+        return RunAt(path, "unread", within(folder, error, language), ())
     start = "stated" if head.start is not None else "reported" if head.rig.swivel else "missing"
     return RunAt(path, start, "", tuple(note.text(language) for one in head.recorded for note in one.notes()))
 
@@ -135,7 +135,7 @@ def moved(request: Request) -> Response:
             found = _compared(bench, old, new)
             values |= {"found": found, "values": shifts(found), "notes": [Say(language_of(request)).message(note) for note in found.notes]}
         except (LMeasureError, OSError) as error:
-            values["error"] = within(bench.folder, error)
+            values["error"] = within(bench.folder, error, language_of(request))
     return page(request, "moved.html", 422 if values["error"] else 200, **values)
 
 

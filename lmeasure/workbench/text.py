@@ -1,6 +1,7 @@
 """Words of the workbench's pages, by their ids."""
 
-from lmeasure.text import LANGUAGES, Message, texts
+from lmeasure.core import LMeasureError
+from lmeasure.text import LANGUAGES, Message, faults, reason, texts
 
 
 def said(language: str, text: str, /, **values: object) -> str:
@@ -9,6 +10,11 @@ def said(language: str, text: str, /, **values: object) -> str:
         return text.text(language)
     found = texts(language).get(text, text)
     return found.format(**values) if values else found
+
+
+def why(language: str, error: BaseException) -> str:
+    """Return what an error says, in a language."""
+    return said(language, faults(error)[0] if isinstance(error, LMeasureError) else reason(error))
 
 
 def preferred(header: str) -> str:

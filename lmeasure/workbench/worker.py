@@ -18,7 +18,7 @@ from typing import Any
 from starlette.concurrency import run_in_threadpool
 
 from lmeasure.core import FileFormatError, LMeasureError
-from lmeasure.text import message
+from lmeasure.text import message, reason
 
 MEMORY = 2**32
 """Bytes that the process may take beyond what it takes when it begins; no more than half of the machine's."""
@@ -89,7 +89,7 @@ def _answer(talk: Connection, memory: int) -> None:
             except MemoryError:
                 answer = False, FileFormatError(_too_much(path, memory))
             except LMeasureError as error:
-                answer = False, FileFormatError(str(error))
+                answer = False, FileFormatError(reason(error))
             except Exception as error:  # other libraries have errors of their own for files that are none
                 answer = (
                     False,
