@@ -9,7 +9,9 @@ standard uncertainties, by the curve, by the poses sample by sample, and by SciP
 
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +30,7 @@ from zeroed import zeroed_exactly
 
 from lmeasure.core import LMeasureError
 from lmeasure.iso9283 import CertificationSettings, evaluate
-from lmeasure.recording import Counts, read_run
+from lmeasure.recording import Counts, Run, read_run
 from lmeasure.trajectory import ErrorsOfCurve, motion_of, motion_of_curve, reconstruct, reconstruct_curve
 
 FloatArray = NDArray[np.float64]
@@ -130,25 +132,32 @@ def peers() -> list[list[str]]:
         run = replace(run, rig=run.rig.model_copy(update={"unstated": "exact"}), unstated="exact", start=np.array([0.0] * 6 + [1.0]))
         run = zeroed_exactly(replace(run, passes=(Counts(time_s, instrument.channels, recorded),)))
         truth, samples = motion.at(time_s)[0], reconstruct(run)
-
-        def smoothed(time_s: FloatArray = time_s, places: FloatArray = samples.poses[:, :3]) -> FloatArray:
-            return np.stack([make_smoothing_spline(time_s, places[:, c])(time_s) for c in range(3)], axis=1)
-
-        ways = {
-            "the curve, with covariances": lambda run=run, time_s=time_s: reconstruct_curve(run)[1].at(time_s, rates=0).poses[:, :3],
-            "SciPy, smoothing splines on poses": smoothed,
-        }
+        ways: list[tuple[str, int, Callable[[], FloatArray]]] = [
+            ("the curve, with covariances", 3, partial(continuous, run)),
+            ("SciPy, smoothing splines on poses", 3, partial(smoothed, time_s, samples.poses[:, :3])),
+        ]
         if lasts_s < LASTS_S:
-            ways["SciPy, dense least squares"] = lambda i=instrument, t=time_s, c=recorded, p=samples.poses: dense(i, t, c, p)
-        for name, way in ways.items():
+            ways.append(("SciPy, dense least squares", 1, partial(dense, instrument, time_s, recorded, samples.poses)))
+        for name, times, way in ways:
             seconds = []
-            for _ in range(1 if "dense" in name else 3):
+            for _ in range(times):
                 began = time.process_time()
                 places = way()
                 seconds.append(time.process_time() - began)
             rms, best = 1e3 * float(np.sqrt(((places - truth) ** 2).sum(axis=1).mean())), min(seconds)
             out.append([f"{len(time_s)} at {rate_hz:g} Hz", name, f"{rms:.3g}", f"{best:.3g}", f"{len(time_s) / best:,.0f}"])
     return out
+
+
+def continuous(run: Run) -> FloatArray:
+    """Places (n, 3) by the curve, whose covariances are worked out too."""
+    trajectory, _ = reconstruct_curve(run)
+    return trajectory.poses[:, :3]
+
+
+def smoothed(time_s: FloatArray, places: FloatArray) -> FloatArray:
+    """Places (n, 3) by a smoothing spline for each coordinate."""
+    return np.stack([make_smoothing_spline(time_s, places[:, c])(time_s) for c in range(3)], axis=1)
 
 
 def dense(instrument: Instrument, time_s: FloatArray, recorded: FloatArray, poses: FloatArray, spacing_s: float = 0.05) -> FloatArray:
@@ -218,8 +227,8 @@ def page(records: list[dict[str, Any]]) -> tuple[str, bool]:
         "",
         "## Speed",
         "",
-        "One motion of sums of sines, by six drums with SYNC. Processor seconds on one core, best of three; the dense least squares once, of",
-        "quintic splines with a knot each 0.05 s (the best of four) and numerical derivatives. Times of SciPy do not include the poses.",
+        "One motion of sums of sines, by six drums with SYNC. Processor seconds on one core, best of three; the dense least squares once,",
+        "of quintic splines with a knot each 0.05 s (the best of four) and numerical derivatives. Times of SciPy do not include the poses.",
         "",
         table(["samples", "by", "error, rms [um]", "seconds", "samples a second"], peers()),
     ]
