@@ -49,15 +49,17 @@ CORE = {
         ]
         for name in ("least_squares", "damped")
     },
-    "linkages/singularity.py": [f"tests/linkages/test_{name}.py" for name in ("singularity", "around_singular_poses", "links")],
-    "linkages/architecture.py": ["tests/linkages/test_architecture.py", "tests/linkages/test_proofs.py"],
+    "linkages/singularity.py": [
+        f"tests/linkages/test_{name}.py" for name in ("singularity", "around_singular_poses", "links", "architecture", "proofs")
+    ],
     "linkages/krawczyk.py": ["tests/linkages/test_proofs.py", *_STRAIGHT],
     "linkages/rods.py": ["tests/linkages/test_rods.py"],
-    "linkages/variants.py": ["tests/linkages/test_variants.py"],
     "linkages/lost_screw.py": ["tests/linkages/test_links.py"],
     "linkages/start_systems.py": ["tests/linkages/test_start_systems.py", *_STRAIGHT],
     "linkages/straight_links.py": ["tests/linkages/test_start_systems.py", *_STRAIGHT],
-    "linkages/topology.py": [f"tests/linkages/test_{name}.py" for name in ("structures", "proofs", "start_systems", "architecture")],
+    "linkages/topology.py": [
+        f"tests/linkages/test_{name}.py" for name in ("structures", "proofs", "start_systems", "architecture", "variants")
+    ],
     "linkages/study_quadric.py": _STRAIGHT,
     "linkages/tetrahedra.py": ["tests/linkages/test_start_systems.py", *_STRAIGHT],
     "linkages/workspace.py": [*_LIMITS, "-k", "closed_form or lines_between or without_a_slope"],

@@ -26,7 +26,7 @@ from lmeasure.rig import Cable, Rig, rig_from_dict
 from lmeasure.sensors import lengths_from_counts
 from lmeasure.simulation import cell_rig, simulate_run
 from lmeasure.text import is_of
-from lmeasure.trajectory import RESTORED_ORIGIN, Redundancy, RunModel, Trajectory, reconstruct, reconstruction_of
+from lmeasure.trajectory import RESTORED_ORIGIN, Redundancy, RunModel, Situation, Trajectory, reconstruct, reconstruction_of
 from lmeasure.trajectory.faults.consistency import JUDGED, SIGNIFICANCE
 from lmeasure.trajectory.faults.redundancy import Reliability, reliability
 
@@ -113,7 +113,7 @@ class Cell:
     def covariance(self) -> FloatArray:
         """(n, 3, 3) of the places."""
         counts = self.epochs.counts
-        errors = self._reconstruction.budget.of(TIME_S, self.poses, counts=counts, speed_mm_s=np.zeros_like(counts))
+        errors = self._reconstruction.budget.of(Situation(TIME_S, self.poses, counts, np.zeros_like(counts)))
         return np.asarray((errors.random + errors.systematic)[:, 3:, 3:])
 
     @cached_property

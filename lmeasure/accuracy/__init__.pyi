@@ -15,7 +15,7 @@ from .program_check import (
     keeping as keeping,
     within as within,
 )
-from .radius import exact_radius_95 as exact_radius_95, radii_95 as radii_95, stated_radii_95 as stated_radii_95
+from .readings import exact_radius_95 as exact_radius_95, radii_95 as radii_95, stated_radii_95 as stated_radii_95
 from .trajectory_quality import (
     AXIS_95 as AXIS_95,
     MOST_STRETCHES as MOST_STRETCHES,

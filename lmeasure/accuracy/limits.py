@@ -47,19 +47,9 @@ def limit_from_accuracy(length_mm: float, position_mm: float) -> float:
 
 
 REASONS = (
-    "cable_cannot_run",
-    "singular",
-    "pressure_angle",
-    "cable_too_short",
-    "cable_too_long",
-    "u95_position",
-    "u95_rotation",
-    "u95_attachment",
-    "wrap",
-    "clearance",
-    "other_assembly",
-    "near_singular",
-)
+    "cable_cannot_run", "singular", "pressure_angle", "cable_too_short", "cable_too_long", "u95_position", "u95_rotation", "u95_attachment",
+    "wrap", "clearance", "other_assembly", "near_singular",
+)  # fmt: skip
 """Why a node is not in the zone, in the order of the bits of `rejected_because`."""
 
 

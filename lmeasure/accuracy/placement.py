@@ -12,24 +12,11 @@ import scipy
 from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
+from lmeasure import kernels
 from lmeasure.accuracy.scan import digest_of, run
 from lmeasure.accuracy.zone import assumed_in_zone, axis, dimension_variance, make_plan, tilts
 from lmeasure.core import AccuracyError, DataFrame, FloatArray, Shown, framed
 from lmeasure.io import Strict, Whole, checked, files
-from lmeasure.kernels import (
-    ALPHA,
-    ATTACHMENT_XYZ,
-    BASE_XYZ,
-    BETA,
-    CABLE,
-    FIGURES,
-    GUIDE_XYZ,
-    KIND,
-    LANES,
-    SWIVEL,
-    worst_at_task,
-    worst_of_channels,
-)
 from lmeasure.rig import Rig
 from lmeasure.sensors import length_variance
 from lmeasure.text import Lines, message
@@ -45,6 +32,8 @@ ROUNDS = 8  # searches from other samples; one may settle a few degrees above an
 FINALISTS = 3  # of which the best go on within the mounting tolerance
 ROBUST_BITS = 4
 GENERATIONS = 2000
+EVOLUTION: dict[str, Any] = {"mutation": (0.4, 0.9), "recombination": 0.85, "tol": 1e-4, "polish": False}
+EVOLUTION |= {"vectorized": True, "updating": "deferred"}
 LOCAL_CALLS = 2000
 BROKEN_MM = 0.1  # of a rule that the search may leave to rounding and to the fitter
 BROKEN_PER_MM = 0.02  # cost of a millimetre across a rule: ten times what a millimetre can win [rad, or relative radius]
@@ -138,22 +127,10 @@ class Placed(Shown):
     def summary(self) -> str:
         """A few lines for a person."""
         b, a = self.before, self.after
-        lines = [
-            message(
-                "accuracy.worst_pressure_angle_task",
-                was=b["worst_pressure_angle_deg"],
-                now=a["worst_pressure_angle_deg"],
-                robust=a["robust_pressure_angle_deg"],
-            ),
-            message(
-                "accuracy.worst_95_radius_mm",
-                was=b["u95_position_mm"],
-                now=a["u95_position_mm"],
-                least=a["shortest_cable_mm"],
-                most=a["longest_cable_mm"],
-                count=self.evaluations,
-            ),
-        ]
+        angles = {"was": b["worst_pressure_angle_deg"], "now": a["worst_pressure_angle_deg"], "robust": a["robust_pressure_angle_deg"]}
+        cables = {"least": a["shortest_cable_mm"], "most": a["longest_cable_mm"], "count": self.evaluations}
+        u95 = message("accuracy.worst_95_radius_mm", was=b["u95_position_mm"], now=a["u95_position_mm"], **cables)
+        lines = [message("accuracy.worst_pressure_angle_task", **angles), u95]
         name, most = max(self.sensitivity.items(), key=lambda item: max(map(abs, item[1])))
         lines.append(message("accuracy.most_sensitive_point_deg", point=name, change=max(map(abs, most))))
         return Lines([*lines, *self.assumed.lines])
@@ -173,7 +150,7 @@ class Search:
         task = wanted.task
         spans = [axis(a, b, (b - a) / (task.nodes - 1)) if b > a else np.array([a]) for a, b in zip(task.low_mm, task.high_mm, strict=True)]
         self.nodes = np.array(list(itertools.product(*spans)))
-        self.positions = np.concatenate([self.nodes, np.repeat(self.nodes[-1:], -len(self.nodes) % LANES, axis=0)])
+        self.positions = np.concatenate([self.nodes, np.repeat(self.nodes[-1:], -len(self.nodes) % kernels.LANES, axis=0)])
         self.centre = 0.5 * (np.array(task.low_mm) + np.array(task.high_mm))
         turns = tilts(task.tilt_rad, task.tilt_steps, Rotation.from_quat(task.quaternion_xyzw))
         self.turns, self.start = turns, np.array([*self.centre, *task.quaternion_xyzw])
@@ -184,8 +161,8 @@ class Search:
         self.plan = replace(plan, variance=plan.variance + more, channels=channels)
         self.rows, self.evaluations = rig.cable_rows(rig.observed), 0
         # channels with an observation point and a guide
-        self.led = np.isin(self.rows[:, KIND], (CABLE, SWIVEL))
-        toward = self.centre - self.rows[self.led, BASE_XYZ]
+        self.led = np.isin(self.rows[:, kernels.KIND], (kernels.CABLE, kernels.SWIVEL))
+        toward = self.centre - self.rows[self.led, kernels.BASE_XYZ]
         self.toward = toward / np.linalg.norm(toward, axis=1)[:, None]
         self.keep_out = np.array([(box.low_mm, box.high_mm) for box in wanted.keep_out]).reshape(-1, 2, 3)
         self.mounted = np.array([kind == "mount" for kind, _, _ in self.free])
@@ -201,9 +178,8 @@ class Search:
         for kind, name, _ in self.free:
             known = points if kind == "mount" else tool
             if name not in known:
-                raise AccuracyError(
-                    message("error.placement_is_no_point", kind=kind, name=name, name2=self.rig.name, known=", ".join(sorted(known)))
-                )
+                others = ", ".join(sorted(known))
+                raise AccuracyError(message("error.placement_is_no_point", kind=kind, name=name, name2=self.rig.name, known=others))
             if (kind, name) in seen:
                 raise AccuracyError(message("error.placement_is_placed_twice", kind=kind, name=name))
             seen.add((kind, name))
@@ -218,15 +194,15 @@ class Search:
         out = np.repeat(self.rows[None], len(x), axis=0)
         for f, rows in enumerate(self.moves):
             for j in rows:
-                columns = BASE_XYZ if self.mounted[f] else ATTACHMENT_XYZ
+                columns = kernels.BASE_XYZ if self.mounted[f] else kernels.ATTACHMENT_XYZ
                 out[:, j, columns] = x[:, 3 * f : 3 * f + 3]
         led = self.led
-        toward = self.centre - out[:, led, BASE_XYZ]
+        toward = self.centre - out[:, led, kernels.BASE_XYZ]
         toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
-        guides = _carried(self.toward[None], toward, self.rows[None, led, GUIDE_XYZ])
+        guides = _carried(self.toward[None], toward, self.rows[None, led, kernels.GUIDE_XYZ])
         u_x, u_y, u_z = np.moveaxis(guides, -1, 0)
-        out[:, led, GUIDE_XYZ] = guides
-        out[:, led, ALPHA], out[:, led, BETA] = np.arcsin(np.clip(u_z, -1, 1)), np.arctan2(-u_x, -u_y)
+        out[:, led, kernels.GUIDE_XYZ] = guides
+        out[:, led, kernels.ALPHA], out[:, led, kernels.BETA] = np.arcsin(np.clip(u_z, -1, 1)), np.arctan2(-u_x, -u_y)
         return out
 
     def figures(self, x: FloatArray) -> FloatArray:
@@ -237,8 +213,8 @@ class Search:
             # each reading by its own variance, zeros included
             variance = np.ascontiguousarray(np.diag(plan.channels.V))
             own = variance + plan.channels.drums
-            return np.asarray(worst_of_channels(rows, len(plan.cables), self.nodes, plan.quaternions, variance, own))
-        return np.asarray(worst_at_task(rows, self.positions, plan.quaternions, plan.variance, plan.weights, plan.order))
+            return np.asarray(kernels.worst_of_channels(rows, len(plan.cables), self.nodes, plan.quaternions, variance, own))
+        return np.asarray(kernels.worst_at_task(rows, self.positions, plan.quaternions, plan.variance, plan.weights, plan.order))
 
     def worth(self, x: FloatArray) -> FloatArray:
         """(n,) objective, the smaller the better: worst angle [rad] or logarithm of the worst radius, and a cost for broken rules."""
@@ -288,7 +264,6 @@ def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None 
     tolerance. The same seed gives the same result. AccuracyError when no candidate keeps the rules.
     """
     search = Search(rig, wanted)
-    random = np.random.default_rng(seed)
     bounds = [(low, max(high, low + 1e-9)) for low, high in zip(search.low, search.high, strict=True)]
     start = np.clip(search.current(), search.low, search.high)
     done = 0
@@ -306,22 +281,8 @@ def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None 
         population = sample[np.argsort(search.worth(sample))[:POPULATION]]
         if number == 0:
             population[-1] = start
-        results.append(
-            scipy.optimize.differential_evolution(
-                lambda x: search.worth(np.ascontiguousarray(x.T)),
-                bounds,
-                maxiter=generations,
-                init=population,
-                mutation=(0.4, 0.9),
-                recombination=0.85,
-                vectorized=True,
-                updating="deferred",
-                polish=False,
-                tol=1e-4,
-                rng=random,
-                callback=determined,
-            )
-        )
+        own = {"maxiter": generations, "init": population, "rng": random, "callback": determined}
+        results.append(scipy.optimize.differential_evolution(lambda x: search.worth(np.ascontiguousarray(x.T)), bounds, **EVOLUTION, **own))
         done = (number + 1) * generations
     draws = mounting_draws(search, seed)
     finalists = [_local(search, r.x, draws) for r in sorted(results, key=lambda r: r.fun)[:FINALISTS]]
@@ -349,13 +310,8 @@ def mounting_draws(search: Search, seed: int) -> FloatArray:
 def _local(search: Search, x: FloatArray, draws: FloatArray) -> FloatArray:
     """Powell's directions within the boxes, on the worst within the mounting tolerance."""
     bounds = [(low, max(high, low + 1e-9)) for low, high in zip(search.low, search.high, strict=True)]
-    found = scipy.optimize.minimize(
-        lambda y: search.around(np.asarray(y), draws),
-        x,
-        method="Powell",
-        bounds=bounds,
-        options={"xtol": 1e-4, "ftol": 1e-7, "maxfev": LOCAL_CALLS},
-    )
+    options = {"xtol": 1e-4, "ftol": 1e-7, "maxfev": LOCAL_CALLS}
+    found = scipy.optimize.minimize(lambda y: search.around(np.asarray(y), draws), x, method="Powell", bounds=bounds, options=options)
     return np.asarray(found.x if found.fun <= search.around(x, draws) else x)
 
 
@@ -364,18 +320,13 @@ def _figures_at(search: Search, x: FloatArray, draws: FloatArray) -> dict[str, f
     if search.plan.factor.shape[1]:
         u95 = float(_u95_mm(search, _rig_at(search, x)).max())
     robust = float(search.figures(np.concatenate([x[None], x[None] + draws]))[:, 0].max())
-    return {
-        "worst_pressure_angle_deg": _angle(speed2),
-        "robust_pressure_angle_deg": _angle(robust),
-        "u95_position_mm": u95,
-        "shortest_cable_mm": shortest,
-        "longest_cable_mm": longest,
-    }
+    angles = {"worst_pressure_angle_deg": _angle(speed2), "robust_pressure_angle_deg": _angle(robust)}
+    return angles | {"u95_position_mm": u95, "shortest_cable_mm": shortest, "longest_cable_mm": longest}
 
 
 def _u95_mm(search: Search, rig: Rig) -> FloatArray:
     """(n,) worst U95 of the position at each node of the task, of all that a zone includes."""
-    return run(make_plan(rig, None, search.nodes, search.turns, start=search.start))[0][FIGURES.index("u95_position")]
+    return run(make_plan(rig, None, search.nodes, search.turns, start=search.start))[0][kernels.FIGURES.index("u95_position")]
 
 
 def _angle(speed2: float) -> float:
@@ -397,7 +348,7 @@ def _rig_at(search: Search, x: FloatArray) -> Rig:
     rig = search.rig
     places = {(kind, name): tuple(float(v) for v in x[3 * f : 3 * f + 3]) for f, (kind, name, _) in enumerate(search.free)}
     rows = search.channels(x[None])[0]
-    guides = {c.from_point: (math.degrees(rows[j, ALPHA]), math.degrees(rows[j, BETA])) for j, c in enumerate(rig.cable)}
+    guides = {c.from_point: (math.degrees(rows[j, kernels.ALPHA]), math.degrees(rows[j, kernels.BETA])) for j, c in enumerate(rig.cable)}
     points = []
     for p in rig.observation_point:
         if ("mount", p.name) in places:

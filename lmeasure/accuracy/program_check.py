@@ -212,13 +212,11 @@ def _keeps(kept: Kept, poses: FloatArray) -> bool:
 
 def _as_points(path: CommandedPath, found: Led) -> CommandedPath:
     """The path through other points."""
-    kept = {
-        key: getattr(path, key)
-        for key in ("name", "windows_s", "cycles", "speed_percent", "load_kg", "speed_mm_s", "quaternion_xyzw", "end_quaternion_xyzw")
-    }
+    keys = ("name", "windows_s", "cycles", "speed_percent", "load_kg", "speed_mm_s", "quaternion_xyzw", "end_quaternion_xyzw")
     apart = np.append(True, np.linalg.norm(np.diff(found.points, axis=0), axis=1) > 1e-9)
     points = tuple(tuple(point) for point in found.points[apart].tolist())
-    return CommandedPath(**{key: value for key, value in kept.items() if value is not None}, kind="points", points_mm=points)
+    kept = {key: value for key in keys if (value := getattr(path, key)) is not None}
+    return CommandedPath(**kept, kind="points", points_mm=points)
 
 
 def correction_columns(found: list[Led]) -> dict[str, Any]:

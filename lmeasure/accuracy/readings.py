@@ -14,44 +14,51 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
+import scipy
 
-from lmeasure.accuracy.radius import radii_95
+from lmeasure import kernels
 from lmeasure.core import BoolArray, FloatArray, IntArray, RigError, se3
-from lmeasure.kernels import (
-    ATTACHMENT_XYZ,
-    CABLE,
-    CANNOT_RUN,
-    CLEARANCE,
-    KIND,
-    LONGEST,
-    NORM2,
-    SHORTEST,
-    SINGULAR as SINGULAR_PLACE,
-    SPEED2,
-    U95_ATTACHMENT,
-    U95_POSITION,
-    U95_ROTATION,
-    WIDTH,
-    WORST_START,
-    WRAP,
-    around as kernels_around,
-    counts_from_changes,
-    length_gradients,
-    platform_size,
-    span_lengths,
-    span_rows_of,
-)
 from lmeasure.rig import CABLES_FOR_A_POSE, CalibrationRecord, Rig
 from lmeasure.sensors import Channels, phase_columns
 from lmeasure.text import message
-from lmeasure.trajectory import Faults, faults_shown, zero_columns
+from lmeasure.trajectory import Faults, faults_shown, radii_95 as radii_95, zero_columns
 
-CHUNK = 2048
-"""Poses at once."""
-TURNS_ALONE = 1e-7
-"""Force of a channel, over its moment, below which it is rounding: it sees turns alone."""
-SINGULAR = 1e-12
-"""Least eigenvalue of the rows' normal equations, of the largest."""
+
+def exact_radius_95(eigenvalues: FloatArray, coverage: float = 0.95) -> float:
+    """Radius that holds the coverage of a Gaussian with these three variances along its axes (same unit squared).
+
+    In coordinates whitened by the variances the sphere reaches r^2/(n.Lambda n) along the direction n, so the probability is the mean over
+    all directions of the chi-square distribution (3 degrees of freedom) there: Gauss-Legendre in the cosine to the longest axis,
+    midpoints in the angle about it, both spectrally accurate. scipy.special.gammainc(3/2, x/2) is that distribution.
+    """
+    scaled = np.sort(np.asarray(eigenvalues, dtype=np.float64))[::-1]
+    scale = scaled[0]
+    if not scale > 0.0:
+        return 0.0
+    scaled = scaled / scale
+    node, weight = np.polynomial.legendre.leggauss(80)
+    cosine2 = (0.5 * (node + 1.0)) ** 2
+    turn = (np.arange(24) + 0.5) / 24 * np.pi / 2
+    along = cosine2[:, None] * scaled[0] + (1 - cosine2[:, None]) * (scaled[1] * np.cos(turn) ** 2 + scaled[2] * np.sin(turn) ** 2)
+
+    def excess(square: float) -> float:
+        return float(0.5 * weight @ scipy.special.gammainc(1.5, 0.5 * square / along).mean(axis=1)) - coverage
+
+    low, high = (2.0 * scipy.special.gammaincinv(freedom / 2.0, coverage) for freedom in (1, 3))
+    return float(np.sqrt(scale * scipy.optimize.brentq(excess, 0.9 * low, 1.1 * high, xtol=1e-13)))
+
+
+def stated_radii_95(covariances: FloatArray) -> FloatArray:
+    """(n,) `radii_95`; NaN where nothing is stated: no covariance, or a zero one, which no measurement has."""
+    out = np.full(len(covariances), np.nan)
+    stated = np.isfinite(covariances).all(axis=(1, 2)) & (np.einsum("nii->n", covariances) > 0.0)
+    out[stated] = radii_95(covariances[stated])
+    return out
+
+
+CHUNK = 2048  # Poses at once
+TURNS_ALONE = 1e-7  # Force of a channel, over its moment, below which it is rounding: it sees turns alone
+SINGULAR = 1e-12  # Least eigenvalue of the rows' normal equations, of the largest
 
 
 @dataclass(frozen=True)
@@ -76,7 +83,7 @@ class Readings:
     @property
     def angular(self) -> BoolArray:
         """(M,) whether a reading is an angle."""
-        return np.asarray(self.rows[:, KIND] > CABLE)
+        return np.asarray(self.rows[:, kernels.KIND] > kernels.CABLE)
 
     def arrays(self) -> dict[str, FloatArray]:
         """By name, for a digest."""
@@ -118,32 +125,24 @@ def readings_of(rig: Rig, calibration: CalibrationRecord | None, start: FloatArr
         rig.require_spread()
     origins = np.column_stack([phase_columns(rig, rig.observed), zero_columns(rig, calibration)[0]])
     V = np.diag(channels.variance) + origins @ origins.T
-    return Readings(
-        rows=channels.rows,
-        cables=channels.cables,
-        V=V,
-        white=np.linalg.inv(np.linalg.cholesky(V)),
-        drums=np.concatenate([drums, np.zeros(m - len(drums))]),
-        scales=channels.scale,
-        factor=channels.root,
-        relative=np.where(channels.absolute, 0.0, 1.0),
-        start=np.asarray(start, dtype=np.float64),
-    )
+    by_drums = np.concatenate([drums, np.zeros(m - len(drums))])
+    law = channels.scale, channels.root, np.where(channels.absolute, 0.0, 1.0), np.asarray(start, dtype=np.float64)
+    return Readings(channels.rows, channels.cables, V, np.linalg.inv(np.linalg.cholesky(V)), by_drums, *law)
 
 
 def determined(readings: Readings, poses: FloatArray) -> Determined:
     """What the readings tell at poses (n, 7)."""
     rows, m, poses = readings.rows, len(readings.rows), np.ascontiguousarray(poses)
-    values = span_lengths(rows, poses)
-    A = span_rows_of(rows, poses)
+    values = kernels.span_lengths(rows, poses)
+    A = kernels.span_rows_of(rows, poses)
     runs = np.isfinite(values).all(axis=1) & np.isfinite(A).all(axis=(1, 2))
-    size = platform_size(rows)
+    size = kernels.platform_size(rows)
     scaled = A / np.repeat([size, 1.0], 3)
     # an angle in the lengths by which it is seen
     force = np.linalg.norm(A[:, :, 3:], axis=2)
     looks = ~(force <= TURNS_ALONE * np.linalg.norm(A[:, :, :3], axis=2))
     seen = np.where(looks, force, 1.0 / size)
-    seen[:, rows[:, KIND] == CABLE] = 1.0
+    seen[:, rows[:, kernels.KIND] == kernels.CABLE] = 1.0
     alike = scaled[runs] / seen[runs, :, None]
     eigenvalues = np.linalg.eigvalsh(np.swapaxes(alike, 1, 2) @ alike)
     good = eigenvalues[:, 0] > SINGULAR * eigenvalues[:, -1]
@@ -158,18 +157,18 @@ def determined(readings: Readings, poses: FloatArray) -> Determined:
     covariance += (G * readings.drums) @ np.swapaxes(G, 1, 2)
     L = np.zeros((len(poses), m, 0))
     if readings.factor.shape[1]:
-        begun = span_lengths(rows, readings.start[None])
-        counts = counts_from_changes(rows, np.ascontiguousarray(values[known] - readings.relative * begun))
-        moved = length_gradients(rows, poses, counts, readings.scales)
-        moved -= readings.relative[:, None] * length_gradients(rows, readings.start[None], np.zeros((1, m)), readings.scales)
-        L = -np.einsum("nmw,mwr->nmr", moved, readings.factor.reshape(m, WIDTH, -1))
+        begun = kernels.span_lengths(rows, readings.start[None])
+        counts = kernels.counts_from_changes(rows, np.ascontiguousarray(values[known] - readings.relative * begun))
+        moved = kernels.length_gradients(rows, poses, counts, readings.scales)
+        moved -= readings.relative[:, None] * kernels.length_gradients(rows, readings.start[None], np.zeros((1, m)), readings.scales)
+        L = -np.einsum("nmw,mwr->nmr", moved, readings.factor.reshape(m, kernels.WIDTH, -1))
         shift = G @ L
         covariance += shift @ np.swapaxes(shift, 1, 2)
     # a pressure angle is geometry: there all readings count alike, however well they are known
     plain = alike[good]
     by_each = np.linalg.inv(np.swapaxes(plain, 1, 2) @ plain) @ np.swapaxes(plain, 1, 2) / seen[known, None] * units[:, None]
     turns, moves = np.swapaxes(by_each[:, :3], 1, 2), np.swapaxes(by_each[:, 3:], 1, 2)
-    arms = (se3.rotation(poses).as_matrix()[:, None] @ rows[:, ATTACHMENT_XYZ, None])[..., 0]
+    arms = (se3.rotation(poses).as_matrix()[:, None] @ rows[:, kernels.ATTACHMENT_XYZ, None])[..., 0]
     looks = looks[known]
     speed = np.linalg.norm(np.where(looks[:, :, None], moves + np.cross(turns, arms), turns), axis=2)
     speed *= np.where(looks, seen[known], 1.0)
@@ -198,7 +197,7 @@ def worst_figures(
     readings: Readings, positions: FloatArray, quaternions: FloatArray, *, points: FloatArray, pairs: IntArray, bodies: FloatArray
 ) -> tuple[FloatArray, IntArray]:
     """Figures (F, n) and flags (n,) at (n, 3) positions over (k, 4) orientations, as `kernels.zone.scan` gives them."""
-    out = np.repeat(np.array(WORST_START)[:, None], len(positions), axis=1)
+    out = np.repeat(np.array(kernels.WORST_START)[:, None], len(positions), axis=1)
     flags = np.zeros(len(positions), np.int64)
     for begin in range(0, len(positions), CHUNK):
         part = slice(begin, begin + CHUNK)
@@ -215,26 +214,26 @@ def _worse(
     out: FloatArray, flags: IntArray, readings: Readings, poses: FloatArray, *, points: FloatArray, pairs: IntArray, bodies: FloatArray
 ) -> None:
     found = determined(readings, poses)
-    flags |= np.where(found.known, 0, np.where(found.runs, SINGULAR_PLACE, CANNOT_RUN))
-    figures = np.repeat(np.array(WORST_START)[:, None], len(poses), axis=1)
-    figures[[SPEED2, NORM2, U95_POSITION, U95_ROTATION, U95_ATTACHMENT]] = np.inf
-    figures[SHORTEST], figures[LONGEST] = np.nan, np.nan
+    flags |= np.where(found.known, 0, np.where(found.runs, kernels.SINGULAR, kernels.CANNOT_RUN))
+    figures = np.repeat(np.array(kernels.WORST_START)[:, None], len(poses), axis=1)
+    figures[[kernels.SPEED2, kernels.NORM2, kernels.U95_POSITION, kernels.U95_ROTATION, kernels.U95_ATTACHMENT]] = np.inf
+    figures[kernels.SHORTEST], figures[kernels.LONGEST] = np.nan, np.nan
     if readings.cables:
-        figures[SHORTEST], figures[LONGEST] = found.lengths.min(axis=1), found.lengths.max(axis=1)
-        around = kernels_around(np.ascontiguousarray(readings.rows[: readings.cables]), np.ascontiguousarray(poses), pairs, bodies)
-        figures[WRAP], figures[CLEARANCE] = around[:, 0], around[:, 1]
+        figures[kernels.SHORTEST], figures[kernels.LONGEST] = found.lengths.min(axis=1), found.lengths.max(axis=1)
+        around = kernels.around(np.ascontiguousarray(readings.rows[: readings.cables]), np.ascontiguousarray(poses), pairs, bodies)
+        figures[kernels.WRAP], figures[kernels.CLEARANCE] = around[:, 0], around[:, 1]
     known, covariance = found.known, found.covariance
-    figures[SPEED2, known] = np.maximum(found.speed.max(axis=1), 1.0) ** 2
-    figures[NORM2, known] = found.norm2
-    figures[U95_POSITION, known] = radii_95(covariance[:, 3:, 3:])
+    figures[kernels.SPEED2, known] = np.maximum(found.speed.max(axis=1), 1.0) ** 2
+    figures[kernels.NORM2, known] = found.norm2
+    figures[kernels.U95_POSITION, known] = radii_95(covariance[:, 3:, 3:])
     if len(points):
-        figures[U95_ROTATION, known] = radii_95(covariance[:, :3, :3])
+        figures[kernels.U95_ROTATION, known] = radii_95(covariance[:, :3, :3])
         of_points = [_of_point(covariance, se3.rotation(poses[known]).apply(point)) for point in points]
-        figures[U95_ATTACHMENT, known] = np.max(of_points, axis=0)
-    for row in (SHORTEST, CLEARANCE):
+        figures[kernels.U95_ATTACHMENT, known] = np.max(of_points, axis=0)
+    for row in (kernels.SHORTEST, kernels.CLEARANCE):
         out[row] = np.fmin(out[row], figures[row])
     for row in (
-        SPEED2, NORM2, U95_POSITION, U95_ROTATION, U95_ATTACHMENT, LONGEST, WRAP,
+        kernels.SPEED2, kernels.NORM2, kernels.U95_POSITION, kernels.U95_ROTATION, kernels.U95_ATTACHMENT, kernels.LONGEST, kernels.WRAP,
     ):  # fmt: skip
         out[row] = np.fmax(out[row], figures[row])
 

@@ -18,42 +18,15 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lmeasure import kernels
 from lmeasure.accuracy.readings import Readings, worst_figures
 from lmeasure.core import AccuracyError, FloatArray, IntArray, version_of
 from lmeasure.io import cluster_client, files, open_regular, processors
-from lmeasure.kernels import (
-    ALPHA,
-    ATTACHMENT_XYZ,
-    BETA,
-    BLOCK,
-    BLOCKS,
-    BODY_OF_TOOL,
-    BODY_START,
-    BODY_WAY,
-    BY_AXIAL,
-    BY_PITCH,
-    BY_SCALE,
-    BY_TANGENT,
-    CABLES,
-    DET_HIGH,
-    DET_LOW,
-    FIGURES,
-    LANES,
-    WIDTH,
-    Linked,
-    length_gradients,
-    roots_by_cable,
-    scan,
-    scan_lanes,
-    span_lengths,
-    span_rows_of,
-    tile,
-)
 from lmeasure.text import message
 
 Progress = Callable[[int, int], None]
 
-STARTS, WAYS = slice(BODY_START, BODY_START + 3), slice(BODY_WAY, BODY_WAY + 3)
+STARTS, WAYS = slice(kernels.BODY_START, kernels.BODY_START + 3), slice(kernels.BODY_WAY, kernels.BODY_WAY + 3)
 POSES_PER_CHUNK = 1_000_000
 
 
@@ -94,7 +67,7 @@ class Plan:
     @property
     def six(self) -> bool:
         """Whether it is six cables and nothing else that tell the pose: then singular poses part the assemblies."""
-        return self.channels is None and len(self.cables) == CABLES
+        return self.channels is None and len(self.cables) == kernels.CABLES
 
     @property
     def chunks(self) -> int:
@@ -109,23 +82,23 @@ class Plan:
 
 def chunk_size(orientations: int) -> int:
     """Nodes of a chunk: a whole number of lanes, about `POSES_PER_CHUNK` poses."""
-    return LANES * max(1, POSES_PER_CHUNK // (LANES * orientations))
+    return kernels.LANES * max(1, POSES_PER_CHUNK // (kernels.LANES * orientations))
 
 
 def block_order(cables: FloatArray, positions: FloatArray, quaternions: FloatArray) -> IntArray:
     """(m,) order of the cables: of six that in which the first three directions stay farthest from coplanar over a sample of the poses."""
-    if len(cables) != CABLES:
+    if len(cables) != kernels.CABLES:
         return np.arange(len(cables))
     some = positions[np.linspace(0, len(positions) - 1, min(len(positions), 200)).astype(np.int64)]
     turns = quaternions[np.linspace(0, len(quaternions) - 1, min(len(quaternions), 5)).astype(np.int64)]
     poses = np.concatenate([np.repeat(some, len(turns), axis=0), np.tile(turns, (len(some), 1))], axis=1)
-    directions = span_rows_of(cables, poses)[:, :, 3:]
-    triples = list(itertools.combinations(range(CABLES), 3))
+    directions = kernels.span_rows_of(cables, poses)[:, :, 3:]
+    triples = list(itertools.combinations(range(kernels.CABLES), 3))
     directions = np.where(np.isfinite(directions), directions, 0.0)
     volumes = [np.abs(np.linalg.det(directions[:, list(t)])) for t in triples]
     # nearly all poses count, not the one where a cable cannot run
     best = triples[int(np.argmax([np.quantile(v, 0.02) for v in volumes]))]
-    return np.array([*best, *(j for j in range(CABLES) if j not in best)], dtype=np.int64)
+    return np.array([*best, *(j for j in range(kernels.CABLES) if j not in best)], dtype=np.int64)
 
 
 def scan_chunk(plan: Plan, number: int) -> tuple[FloatArray, IntArray]:
@@ -144,54 +117,46 @@ def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntAr
         around: dict[str, Any] = {"points": plan.points, "pairs": plan.pairs, "bodies": plan.bodies}
         return worst_figures(plan.channels, positions, plan.quaternions, **around)
     count = len(positions)
-    padded = np.concatenate([positions, np.repeat(positions[-1:], -count % tile(count, LANES), axis=0)])
+    padded = np.concatenate([positions, np.repeat(positions[-1:], -count % kernels.tile(count, kernels.LANES), axis=0)])
     turns = Rotation.from_quat(plan.quaternions)
-    order, of_tool = plan.order, plan.bodies[None, :, BODY_OF_TOOL, None] > 0
+    order, of_tool = plan.order, plan.bodies[None, :, kernels.BODY_OF_TOOL, None] > 0
     rank = np.argsort(order)
-    figures, left = scan_lanes(
-        np.ascontiguousarray(plan.cables[order]),
-        np.ascontiguousarray(padded),
-        turned(turns, plan.cables[order, ATTACHMENT_XYZ]),
-        turned(turns, plan.points),
-        *(np.where(of_tool, turned(turns, plan.bodies[:, part]), plan.bodies[None, :, part]) for part in (STARTS, WAYS)),
-        plan.bodies,
-        rank[plan.pairs],
-        np.ascontiguousarray(plan.variance[order]),
-        np.ascontiguousarray(plan.weights[order] ** 2),
-        max(1e-3, float(np.linalg.norm(plan.cables[:, ATTACHMENT_XYZ], axis=1).max())),
-        _linked(plan, order),
-        turns.as_matrix(),
-    )
+    cables, variance, weights = (np.ascontiguousarray(v) for v in (plan.cables[order], plan.variance[order], plan.weights[order] ** 2))
+    tool = turned(turns, plan.cables[order, kernels.ATTACHMENT_XYZ]), turned(turns, plan.points)
+    bodies = (np.where(of_tool, turned(turns, plan.bodies[:, part]), plan.bodies[None, :, part]) for part in (STARTS, WAYS))
+    near, size = (*bodies, plan.bodies, rank[plan.pairs]), float(np.linalg.norm(plan.cables[:, kernels.ATTACHMENT_XYZ], axis=1).max())
+    law = variance, weights, max(1e-3, size), _linked(plan, order), turns.as_matrix()
+    figures, left = kernels.scan_lanes(cables, np.ascontiguousarray(padded), *tool, *near, *law)
     figures, left = figures[:, :count], left[:count]
-    low, high = figures[DET_LOW].copy(), figures[DET_HIGH].copy()
-    if len(order) == CABLES and _swaps(order) % 2 == 0:
+    low, high = figures[kernels.DET_LOW].copy(), figures[kernels.DET_HIGH].copy()
+    if len(order) == kernels.CABLES and _swaps(order) % 2 == 0:
         # the lanes' rows stand as (e ; arm x e): three columns exchanged with three change the sign; so does an odd order
-        figures[DET_LOW], figures[DET_HIGH] = -high, -low
+        figures[kernels.DET_LOW], figures[kernels.DET_HIGH] = -high, -low
     flags = np.zeros(count, np.int64)
     if left.any():
         figures[:, left], flags[left] = _scalar(plan, positions[left])
     return figures, flags
 
 
-def _linked(plan: Plan, order: IntArray) -> Linked | None:
+def _linked(plan: Plan, order: IntArray) -> kernels.Linked | None:
     """What the lanes need of the calibration, the cables in the given order; None without one."""
     m, columns = len(order), plan.factor.shape[1]
     if columns == 0:
         return None
     cables, scales, start = np.ascontiguousarray(plan.cables[order]), np.ascontiguousarray(plan.scales[order]), plan.start[None]
-    factor = np.ascontiguousarray(plan.factor.reshape(m, WIDTH, columns)[order])
-    roots, begun, both = roots_by_cable(factor, length_gradients(cables, start, np.zeros((1, m)), scales)[0])
+    factor = np.ascontiguousarray(plan.factor.reshape(m, kernels.WIDTH, columns)[order])
+    roots, begun, both = kernels.roots_by_cable(factor, kernels.length_gradients(cables, start, np.zeros((1, m)), scales)[0])
     blocks, by_block = np.ascontiguousarray(_in_blocks(roots)), np.ascontiguousarray(_in_blocks(both))
     # of one function of one library: NumPy's own sine is another one on another processor
-    angles = [(math.sin(a), math.cos(a), math.sin(b), math.cos(b)) for a, b in cables[:, ALPHA : BETA + 1].tolist()]
-    return Linked(
+    angles = [(math.sin(a), math.cos(a), math.sin(b), math.cos(b)) for a, b in cables[:, kernels.ALPHA : kernels.BETA + 1].tolist()]
+    return kernels.Linked(
         roots=blocks,
         begun=begun,
         both=by_block,
         in_roots=np.asarray(blocks.any(axis=(-2, -1))),
         in_both=np.asarray(by_block.any(axis=(-2, -1))),
-        drums=np.asarray(factor[:, [BY_SCALE, BY_TANGENT, BY_AXIAL, BY_PITCH]].any(axis=(1, 2))),
-        zero=span_lengths(cables, start)[0],
+        drums=np.asarray(factor[:, [kernels.BY_SCALE, kernels.BY_TANGENT, kernels.BY_AXIAL, kernels.BY_PITCH]].any(axis=(1, 2))),
+        zero=kernels.span_lengths(cables, start)[0],
         scales=scales,
         guides=np.array([(sa * sb, sa * cb, ca, -ca * cb, ca * sb, 0.0) for sa, ca, sb, cb in angles]),
     )
@@ -199,14 +164,14 @@ def _linked(plan: Plan, order: IntArray) -> Linked | None:
 
 def _in_blocks(matrices: FloatArray) -> FloatArray:
     """(..., BLOCKS, BLOCKS, BLOCK, BLOCK) of (..., LENGTH, LENGTH)."""
-    return np.swapaxes(matrices.reshape(*matrices.shape[:-2], BLOCKS, BLOCK, BLOCKS, BLOCK), -3, -2)
+    return np.swapaxes(matrices.reshape(*matrices.shape[:-2], kernels.BLOCKS, kernels.BLOCK, kernels.BLOCKS, kernels.BLOCK), -3, -2)
 
 
 def _scalar(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntArray]:
     """The same of places at which the lanes are not sound, pose by pose."""
     p = plan
     around = (p.quaternions, p.variance, p.weights, p.scales, p.factor, p.start, p.points, p.pairs, p.bodies)
-    return scan(p.cables, np.ascontiguousarray(positions), *around)
+    return kernels.scan(p.cables, np.ascontiguousarray(positions), *around)
 
 
 def turned(turns: Rotation, vectors: FloatArray) -> FloatArray:
@@ -237,7 +202,7 @@ def run(
     """
     kept = None if checkpoint is None else _Kept(checkpoint, plan)
     n = len(plan.positions)
-    figures, flags = np.empty((len(FIGURES), n)), np.empty(n, np.int64)
+    figures, flags = np.empty((len(kernels.FIGURES), n)), np.empty(n, np.int64)
     missing = []
     for number in range(plan.chunks):
         stored = kept.get(number) if kept else None
@@ -293,10 +258,6 @@ def _cluster(plan: Plan, numbers: list[int], scheduler: str) -> Iterator[tuple[i
             yield result
 
 
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
-
-
 def _numbered_chunk(part: Plan, number: int) -> tuple[int, tuple[FloatArray, IntArray]]:
     # what comes over the wire is read-only, for which the kernels would be compiled once more
     arrays: dict[str, Any] = {
@@ -328,7 +289,8 @@ class _Kept:
             with open_regular(path) as file, np.load(file, allow_pickle=False) as stored:
                 return stored["figures"], stored["flags"]
         except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
-            raise AccuracyError(message("error.is_no_chunk_of", where=path, error=_one_line(error))) from error
+            said = " ".join(str(error).split()) or type(error).__name__
+            raise AccuracyError(message("error.is_no_chunk_of", where=path, error=said)) from error
 
     def put(self, number: int, result: tuple[FloatArray, IntArray]) -> None:
         """Keep a chunk, whole or not at all."""

@@ -5,16 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lmeasure.accuracy.radius import stated_radii_95
+from lmeasure.accuracy.readings import stated_radii_95
 from lmeasure.core import WORDS, FloatArray, IntArray, Status, TrajectoryError, se3
 from lmeasure.text import Cause
 from lmeasure.trajectory import FULL, WIDEST_S, Motion, Trajectory, motion_of
 
 MOST_ROWS = 12_000
-MOST_STRETCHES = 2_000
-"""Of a status; more of them lie so close together that a picture shows them as one."""
-AXIS_95 = 1.959963984540054
-"""Half width, in standard uncertainties, of what holds 95 % of a normal coordinate."""
+MOST_STRETCHES = 2_000  # Of a status; more of them lie so close together that a picture shows them as one
+AXIS_95 = 1.959963984540054  # Half width, in standard uncertainties, of what holds 95 % of a normal coordinate
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,8 @@ def along(trajectory: Trajectory) -> Along:
     series = [*trajectory.poses[:, :3].T, *turned.T, u95_mm, u95_rad, trajectory.worst_pressure_angle_deg]
     if motion is not None:
         series.append(motion.speed_mm_s)
-    shown = [s for kind in _kinds(stretches) for s in merged(kind, float(np.ptp(trajectory.time_s)) / MOST_STRETCHES)]
+    kinds = [[s for s in stretches if s.status == status] for status in range(len(WORDS))]
+    shown = [s for kind in kinds for s in merged(kind, float(np.ptp(trajectory.time_s)) / MOST_STRETCHES)]
     edges = np.array([i for s in shown for i in (s.first - 1, s.first, s.last, s.last + 1)], dtype=np.int64)
     n = len(trajectory.time_s)
     rows = kept_rows(series, edges[(edges >= 0) & (edges < n)], MOST_ROWS)
@@ -114,11 +113,6 @@ def stretches_of(trajectory: Trajectory) -> tuple[Stretch, ...]:
         Stretch(a, b, float(trajectory.time_s[a]), float(trajectory.time_s[b]), int(trajectory.status[a]), said[1][a], str(said[2][a]))
         for a, b in zip(first[~plain].tolist(), last[~plain].tolist(), strict=True)
     )
-
-
-def _kinds(stretches: Sequence[Stretch]) -> list[list[Stretch]]:
-    """Stretches by their status."""
-    return [[s for s in stretches if s.status == status] for status in range(len(WORDS))]
 
 
 def merged(stretches: Sequence[Stretch], gap_s: float) -> list[Stretch]:

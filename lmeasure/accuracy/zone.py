@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lmeasure import sensors
 from lmeasure.accuracy.limits import Body, Limits, body_rows, broken_limits
 from lmeasure.accuracy.readings import determined, readings_of
 from lmeasure.accuracy.scan import Plan, Progress, block_order, chunk_size, run
@@ -23,19 +24,6 @@ from lmeasure.accuracy.zone_dataset import ABOUT, DIMS, SCHEMA, about, with_faul
 from lmeasure.core import MAX_LENGTH_MM, AccuracyError, BoolArray, FloatArray, GeometryError, IntArray, LMeasureError, covariance_root, se3
 from lmeasure.kernels import COUNT_LENGTH, FIGURES, counts_from_changes, length_gradients, span_lengths as cable_kernels_span_lengths
 from lmeasure.rig import CalibrationRecord, Rig
-from lmeasure.sensors import (
-    PLAY,
-    Unsolved,
-    cable_covariance,
-    every_part,
-    length_variance,
-    of_record,
-    span_lengths,
-    span_rows as span_rows_and_readings,
-    stated as unsolved_stated,
-    zero_at,
-    zeroed_exactly,
-)
 from lmeasure.text import Message, message, table
 from lmeasure.trajectory import NEAR_RAD, Assumed, Budget, RunModel, Situation, zero_readings, zeros_of
 
@@ -134,7 +122,7 @@ def tilts(tilt_rad: float, steps: int, base: Rotation | None = None) -> Rotation
 
 def covariance_factor(rig: Rig, calibration: CalibrationRecord | None) -> FloatArray:
     """(13 m, r) factor F of the cables' parameters' covariance F F^T [mm, rad]; r = 0 without a record."""
-    covariance = cable_covariance(rig, calibration)
+    covariance = sensors.cable_covariance(rig, calibration)
     return covariance_root(covariance, np.sqrt(np.diag(covariance)))
 
 
@@ -231,17 +219,9 @@ def scan_zone(
     >>> lm.scan_zone(rig, None, x=nodes, y=nodes, z=nodes, rotations=Rotation.identity(1)).in_zone.shape
     (2, 2, 2)
     """
-    scan = Scan(
-        limits=limits or Limits(limit_deg, length_limits),
-        full=full,
-        bodies=tuple(bodies),
-        start=start,
-        spacing_mm=spacing_mm,
-        workers=workers,
-        scheduler=scheduler,
-        checkpoint=checkpoint,
-        refine=refine,
-    )
+    limits = limits or Limits(limit_deg, length_limits)
+    scan = Scan(limits=limits, full=full, bodies=tuple(bodies), start=start, spacing_mm=spacing_mm, refine=refine)
+    scan = replace(scan, workers=workers, scheduler=scheduler, checkpoint=checkpoint)
     return map_zone(rig, calibration, (x, y, z), rotations, scan=scan, progress=progress)
 
 
@@ -259,12 +239,10 @@ def map_zone(
     nodes: of the tool origin [mm, base frame] along x, y, z; rotations: base_from_tool orientations, all tried at each node. In the zone
     is a node where every orientation keeps the limits.
 
-    u95_position_mm is the radius of the sphere at the tool origin that holds 95 % of the Gaussian with the covariance from
-    independent counts of +-1/2 (variance c^2/12), as much again for where within a count each counter was zeroed unless that is exact
-    (`zero_exact`), what the rig states of dimensions that are not solved (`lmeasure.sensors.stated_errors`) and, when given, the
-    calibration's. A length
-    is counted from the start pose: a zone
-    has no run yet, so its default is the box's centre with the mean orientation.
+    u95_position_mm is the radius of the sphere at the tool origin that holds 95 % of the Gaussian with the covariance from independent
+    counts of +-1/2 (variance c^2/12), as much again for where within a count each counter was zeroed unless that is exact (`zero_exact`),
+    what the rig states of dimensions that are not solved (`lmeasure.sensors.stated_errors`) and, when given, the calibration's. A length is
+    counted from the start pose: a zone has no run yet, so its default is the box's centre with the mean orientation.
 
     Returns a dataset over x, y, z with `worst_pressure_angle_deg` (90 where a cable cannot run or the pose is singular),
     `u95_position_mm` (infinite there), `shortest_cable_mm`, `longest_cable_mm`, `largest_wrap_deg`, `assembly` (of six cables: sign of the
@@ -297,32 +275,18 @@ def map_zone(
 
     rig = rig.zeroed_at(start)
     covered, assumed = covers(rig, calibration), assumed_in_zone(rig, calibration, positions, rotations, start=start)
-    data = xr.Dataset(
-        {
-            name: (DIMS, values.reshape([len(a) for a in axes]), about(*ABOUT[name]))
-            for name, values in named(run(plan, progress, checkpoint=scan.checkpoint, **way)).items()
-        }
-        | {"quaternion_xyzw": (("orientation", "component"), plan.quaternions, about("orientations base_from_tool", "1"))},
-        coords={
-            name: (name, values, about(f"{name} of the tool origin, base frame", "mm")) for name, values in zip(DIMS, axes, strict=True)
-        },
-        attrs={
-            "schema": SCHEMA,
-            "rig": rig.name,
-            "node_spacing_mm": list(spacing),
-            "u95_covers": str(covered),
-            "zero_pose_xyz_mm_qxyzw": [float(v) for v in start],
-            "u95_assumed_mm": assumed.part_mm,
-            "assumed": "\n".join(assumed.lines),
-            "assumed_figures": json.dumps(assumed.figures()),
-            "messages": json.dumps(table([covered, assumed.lines]), ensure_ascii=False),
-            "plan_sha256": plan.digest(),
-        },
-    )
+    shape, figures = [len(a) for a in axes], named(run(plan, progress, checkpoint=scan.checkpoint, **way))
+    variables: dict[str, Any] = {name: (DIMS, values.reshape(shape), about(*ABOUT[name])) for name, values in figures.items()}
+    turned = ("orientation", "component"), plan.quaternions, about("orientations base_from_tool", "1")
+    coords = {name: (name, values, about(f"{name} of the tool origin, base frame", "mm")) for name, values in zip(DIMS, axes, strict=True)}
+    attrs: dict[str, Any] = {"schema": SCHEMA, "rig": rig.name, "node_spacing_mm": list(spacing), "u95_covers": str(covered)}
+    attrs |= {"zero_pose_xyz_mm_qxyzw": [float(v) for v in start], "u95_assumed_mm": assumed.part_mm}
+    attrs |= {"assumed": "\n".join(assumed.lines), "assumed_figures": json.dumps(assumed.figures())}
+    attrs |= {"messages": json.dumps(table([covered, assumed.lines]), ensure_ascii=False), "plan_sha256": plan.digest()}
+    data = xr.Dataset(variables | {"quaternion_xyzw": turned}, coords=coords, attrs=attrs)
     if scan.reliability:
-        data = with_faults(
-            data, rig, plan.channels or readings_of(rig, calibration, start, plan.variance - length_variance(rig)), positions
-        )
+        channels = plan.channels or readings_of(rig, calibration, start, plan.variance - sensors.length_variance(rig))
+        data = with_faults(data, rig, channels, positions)
     zone = within(data, limits)
     if refine is None:
         return zone
@@ -354,7 +318,7 @@ def make_plan(
     factor = covariance_factor(rig, calibration)
     if factor.shape[1]:
         try:
-            span_lengths(rig, start[None, :])
+            sensors.span_lengths(rig, start[None, :])
         except GeometryError as error:
             raise GeometryError(message("error.the_calibration_s_part", error=error)) from None
     # cables that share a point, or run in different passes, cannot touch elsewhere
@@ -365,23 +329,12 @@ def make_plan(
     ]
     used = sorted({c.to_point for c in rig.cable}) if full else []
     rows, quaternions = rig.cable_rows(), np.ascontiguousarray(rotations.as_quat())
-    variance, drums = length_variance(rig), drum_variance(rig, calibration, positions, rotations, start=start)
-    return Plan(
-        cables=rows,
-        positions=positions,
-        quaternions=quaternions,
-        variance=variance + drums,
-        weights=np.sqrt(variance.min() / variance),
-        scales=rig.scales(),
-        factor=factor,
-        start=np.asarray(start, dtype=np.float64),
-        points=np.array([rig.tool[name] for name in used], dtype=np.float64).reshape(-1, 3),
-        pairs=np.array(pairs, dtype=np.int64).reshape(-1, 2),
-        bodies=body_rows(bodies),
-        order=block_order(rows, positions, quaternions),
-        nodes_per_chunk=chunk_size(len(quaternions)),
-        channels=readings_of(rig, calibration, start, drums) if rig.sensors else None,
-    )
+    variance, drums = sensors.length_variance(rig), drum_variance(rig, calibration, positions, rotations, start=start)
+    law = variance + drums, np.sqrt(variance.min() / variance), rig.scales(), factor, np.asarray(start, dtype=np.float64)
+    points = np.array([rig.tool[name] for name in used], dtype=np.float64).reshape(-1, 3)
+    around = points, np.array(pairs, dtype=np.int64).reshape(-1, 2), body_rows(bodies)
+    order, channels = block_order(rows, positions, quaternions), readings_of(rig, calibration, start, drums) if rig.sensors else None
+    return Plan(rows, positions, quaternions, *law, *around, order, chunk_size(len(quaternions)), channels)
 
 
 def at_pose(plan: Plan, rig: Rig, calibration: CalibrationRecord | None, pose: FloatArray) -> Plan:
@@ -389,7 +342,7 @@ def at_pose(plan: Plan, rig: Rig, calibration: CalibrationRecord | None, pose: F
     positions, quaternions = pose[None, :3], pose[None, 3:]
     drums = drum_variance(rig, calibration, positions, Rotation.from_quat(quaternions), start=plan.start)
     channels = plan.channels and replace(plan.channels, drums=np.append(drums, np.zeros(len(plan.channels.drums) - len(drums))))
-    return replace(plan, positions=positions, quaternions=quaternions, variance=length_variance(rig) + drums, channels=channels)
+    return replace(plan, positions=positions, quaternions=quaternions, variance=sensors.length_variance(rig) + drums, channels=channels)
 
 
 def drum_variance(
@@ -398,18 +351,18 @@ def drum_variance(
     """(m,) variance [mm^2] of the lengths by drums and pulleys that run out and play, where the rig states them, and by what a calibration
     that solved them left: the mean over poses of the scan, as turns of drum and pulley from the start to a place in the cell are many and
     any. What the calibration tells of these together with guides and points is left out, which makes it larger."""
-    effects = Unsolved(rig, of_record(rig, calibration))
+    effects = sensors.Unsolved(rig, sensors.of_record(rig, calibration))
     # of play that is known, nobody knows where in its band a counter was zeroed
-    known = every_part(rig, rig.cable).values[:, PLAY] * rig.cable_rows()[:, COUNT_LENGTH] / rig.scales()
+    known = sensors.every_part(rig, rig.cable).values[:, sensors.PLAY] * rig.cable_rows()[:, COUNT_LENGTH] / rig.scales()
     if not effects:
         return np.asarray(known**2)
-    begun = span_lengths(rig, start[None, :])
+    begun = sensors.span_lengths(rig, start[None, :])
     poses = sampled(positions, rotations)
     rows = rig.cable_rows()
     lengths = cable_kernels_span_lengths(rows, poses)
     runs = np.isfinite(lengths).all(axis=1)
     counts = counts_from_changes(rows, np.ascontiguousarray(lengths[runs] - begun))
-    shifts = effects.shifts(rows, zero_at(start, len(rows), 0.0), poses[runs], counts)
+    shifts = effects.shifts(rows, sensors.zero_at(start, len(rows), 0.0), poses[runs], counts)
     # one play where it was zeroed, one at the pose
     return np.asarray((shifts**2).sum(axis=2).mean(axis=0) if runs.any() else 0.0) + 2.0 * effects.play_mm**2 + known**2
 
@@ -440,13 +393,13 @@ def assumed_in_zone(
     except LMeasureError:
         return Assumed()
     rows, poses = model.scheme.rows, sampled(positions, rotations)
-    changes = span_rows_and_readings(rows, poses)[0] - zero_readings(model, rows, model.zero_pose)
+    changes = sensors.span_rows(rows, poses)[0] - zero_readings(model, rows, model.zero_pose)
     runs = np.isfinite(changes).all(axis=1)
     if not runs.any():
         return Assumed()
     poses, counts = poses[runs], counts_from_changes(rows, np.ascontiguousarray(changes[runs]))
     nothing = np.zeros_like(counts)
-    found = budget.of(np.zeros(len(poses)), poses, counts=counts, speed_mm_s=nothing, compiled=False)
+    found = budget.of(Situation(np.zeros(len(poses)), poses, counts, nothing), compiled=False)
     spread = np.einsum("nii->n", (found.random + found.systematic)[:, 3:, 3:])
     determines = np.isfinite(spread)
     if not determines.any():
@@ -484,12 +437,12 @@ def named_figures(figures: FloatArray, flags: IntArray, *, full: bool, near: boo
 
 def covers(rig: Rig, calibration: CalibrationRecord | None) -> Message:
     """Return what the uncertainties cover."""
-    exact = zeroed_exactly(rig)
+    exact = sensors.zeroed_exactly(rig)
     counts = message("covers.counts" if exact.all() else "covers.counts_some_phase" if exact.any() else "covers.counts_phase")
     zeros = zeros_of(rig, calibration)
     if zeros.any():
         counts = message("covers.zeros_first_order" if zeros.max() > NEAR_RAD else "covers.zeros", counts=counts)
-    unsolved = unsolved_stated(rig, None, () if calibration is None else calibration.names)
+    unsolved = sensors.stated(rig, None, () if calibration is None else calibration.names)
     also = tuple(dict.fromkeys(v.kind.said for v in unsolved if not v.assumed))
     parts = [message("accuracy.rig_states", what=also)] if also else []
     parts += [message("covers.of.assumed")] if any(v.assumed for v in unsolved) else []
@@ -517,12 +470,9 @@ def _spacing(axes: Sequence[FloatArray], given: tuple[float, float, float] | Non
     return float(steps[0]), float(steps[1]), float(steps[2])
 
 
-NODES = 20
-"""About how many steps the longest side has."""
-FLATTEST = 0.5
-"""Of its longest side: what another one is at least. Points on one wall or ceiling leave the tool room before it and behind."""
-LEAST_MM = 1000.0
-"""The longest side at least."""
+NODES = 20  # About how many steps the longest side has
+FLATTEST = 0.5  # Of its longest side: what another one is at least. Points on one wall or ceiling leave the tool room before it and behind
+LEAST_MM = 1000.0  # The longest side at least
 
 Range = tuple[float, float, float]
 

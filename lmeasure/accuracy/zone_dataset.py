@@ -49,14 +49,9 @@ def within(data: "xr.Dataset", limits: Limits) -> "xr.Dataset":
     because, sign = broken_limits({str(name): values.values for name, values in data.data_vars.items()}, limits)
     inside = because == 0
     masks = np.array([1 << bit for bit in range(len(REASONS))], np.int32)
-    out = data.assign(
-        in_zone=(DIMS, inside.astype(np.int8), about("1 where every orientation is within every limit", "1")),
-        rejected_because=(
-            DIMS,
-            because,
-            about("limits broken at some orientation", "1") | {"flag_masks": masks, "flag_meanings": " ".join(REASONS)},
-        ),
-    )
+    bits = about("limits broken at some orientation", "1") | {"flag_masks": masks, "flag_meanings": " ".join(REASONS)}
+    of_node = about("1 where every orientation is within every limit", "1")
+    out = data.assign(in_zone=(DIMS, inside.astype(np.int8), of_node), rejected_because=(DIMS, because, bits))
     named = {f"limit_{name}": value for name, value in asdict(limits).items() if value is not None and value is not False}
     out = out.assign_attrs(
         {"limit_deg": float(limits.angle_deg)}
@@ -86,27 +81,15 @@ def sole_reasons(zone: "xr.Dataset") -> dict[str, int]:
 def summary(zone: "xr.Dataset") -> str:
     """A few lines for a person: how much of the box is in the zone, the best node, why the rest is not."""
     angle, inside = zone["worst_pressure_angle_deg"], zone["in_zone"].values.astype(bool)
-    if "refined_volume_mm3" in zone.attrs:
-        a = zone.attrs
-        volume, change = (a[key] / 1e9 for key in ("refined_volume_mm3", "refined_volume_change_mm3"))
-        lines_refined = [message("zone_line.refined", volume=volume, change=change)]
-    else:
-        lines_refined = []
+    refined = [zone.attrs[key] / 1e9 for key in ("refined_volume_mm3", "refined_volume_change_mm3") if key in zone.attrs]
     best = np.unravel_index(int(np.argmin(angle.values)), angle.shape)
     where = ", ".join(f"{name} {settled(float(zone[name][i])):g}" for name, i in zip("xyz", best, strict=True))
     turns = zone.sizes["orientation"]
-    lines = [
-        message(
-            "zone_line.nodes" if turns > 1 else "zone_line.nodes_one",
-            inside=int(inside.sum()),
-            of=inside.size,
-            turns=turns,
-            limit=float(zone.attrs["limit_deg"]),
-            volume=float(zone.attrs["zone_volume_mm3"]) / 1e9,
-        ),
-        *lines_refined,
-        message("accuracy.smallest_worst_pressure_angle", angle=float(angle.values[best]), where=where),
-    ]
+    nodes = {"inside": int(inside.sum()), "of": inside.size, "turns": turns, "limit": float(zone.attrs["limit_deg"])}
+    code = "zone_line.nodes" if turns > 1 else "zone_line.nodes_one"
+    lines = [message(code, **nodes, volume=float(zone.attrs["zone_volume_mm3"]) / 1e9)]
+    lines += [message("zone_line.refined", volume=refined[0], change=refined[1])] if refined else []
+    lines.append(message("accuracy.smallest_worst_pressure_angle", angle=float(angle.values[best]), where=where))
     if inside.any():
         u95 = zone["u95_position_mm"].values[inside]
         lines.append(message("accuracy.95_radius_tool_origin", least=u95.min(), most=u95.max()))
@@ -224,9 +207,6 @@ def messages_of(zone: "xr.Dataset", name: str) -> list[str]:
     """Return the lines of an attribute of a zone: messages, where the zone keeps their ids."""
     return list(restored(str(zone.attrs.get(name, "")).splitlines(), json.loads(str(zone.attrs.get("messages", "[]")))))
 
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 VARIABLES = ("least_fault", "least_fault_apart", "fault_effect_mm")
 

@@ -44,14 +44,10 @@ def extent(zone: "xr.Dataset") -> Extent:
     edge = inside & ~scipy.ndimage.binary_erosion(inside, border_value=1)
     box = _largest_box(inside, spacing, cube=False)
     cube = _largest_box(inside, spacing, cube=True)
-    return Extent(
-        float(inside.sum() * cell),
-        0.5 * float(edge.sum()) * cell,
-        None if box is None else (_at(axes, box[0]), _at(axes, box[1])),
-        _largest_ball(inside, axes, spacing),
-        None if cube is None else _cube(axes, cube),
-        () if cube is None else _iso_points(zone, *_cube(axes, cube)),
-    )
+    volume = float(inside.sum() * cell), 0.5 * float(edge.sum()) * cell
+    fits = None if box is None else (_at(axes, box[0]), _at(axes, box[1])), _largest_ball(inside, axes, spacing)
+    test = None if cube is None else _cube(axes, cube)
+    return Extent(*volume, *fits, test, () if test is None else _iso_points(zone, *test))
 
 
 def _at(axes: list[FloatArray], index: IntArray) -> FloatArray:
@@ -127,10 +123,6 @@ def _iso_points(zone: "xr.Dataset", centre: FloatArray, edge: float) -> tuple[di
 FIGURES = ("worst_pressure_angle_deg", "u95_position_mm", "u95_rotation_deg", "u95_attachment_mm")
 
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-
 def zone_surface(zone: "xr.Dataset") -> tuple[FloatArray, IntArray]:
     """Vertices (n, 3) [mm, base frame] and triangles (m, 3) of the zone's skin, their corners counter-clockwise seen from outside.
 
@@ -170,11 +162,6 @@ def zone_surface(zone: "xr.Dataset") -> tuple[FloatArray, IntArray]:
 
 
 _AROUND = ((1, 1), (0, 1), (0, 0), (1, 0))
-
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 LEVELS = 60  # of a zone that are followed
 
 

@@ -24,12 +24,14 @@ from .display import DataFrame as DataFrame, Shown as Shown, framed as framed
 from .entry_points import (
     PlugInError as PlugInError,
     check_kind as check_kind,
+    how_to_install as how_to_install,
     plug_in as plug_in,
     plug_in_names as plug_in_names,
     plug_in_of as plug_in_of,
     plug_in_version as plug_in_version,
     plug_ins as plug_ins,
     plug_ins_in_use as plug_ins_in_use,
+    version_of as version_of,
 )
 from .errors import (
     AccuracyError as AccuracyError,
@@ -56,5 +58,4 @@ from .errors import (
 )
 from .interpolation import OtherTimes as OtherTimes, lagrange as lagrange
 from .linalg import covariance_root as covariance_root, symmetric_root as symmetric_root
-from .packages import how_to_install as how_to_install, version_of as version_of
 from .status import WORDS as WORDS, Status as Status, words as words

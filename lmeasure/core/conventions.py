@@ -51,8 +51,7 @@ OF_DOCUMENTS = {
 }
 """Conventions of the source documents, which no controller has: names that are known too, but not offered for rigs and programs."""
 DEFAULT = "puma-oat"
-RESERVED_COLUMNS = ("time_s", "sync", "u_time_s", "temperature_c", "pose", "pass")
-"""Columns of counts files that are no counter."""
+RESERVED_COLUMNS = ("time_s", "sync", "u_time_s", "temperature_c", "pose", "pass")  # Columns of counts files that are no counter
 MAX_LENGTH_MM = 1e6
 """A kilometre: beyond it a length is a slip of units."""
 LARGEST_ANGLE = 1e6

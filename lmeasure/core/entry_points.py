@@ -5,8 +5,12 @@ package that cannot be loaded stops only what needs it.
 """
 
 import importlib.metadata
+import sys
 import traceback
 from functools import cache
+from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TypeVar
 
 from lmeasure.core.errors import LMeasureError
@@ -113,3 +117,33 @@ def plug_ins_in_use() -> str:
     """Return a text that names the packages whose kinds this process has loaded; empty without any."""
     used = dict.fromkeys(_source(_entries(group)[name]) for group, name in _in_use)
     return f" (in use: {', '.join(used)})" if used else ""
+
+
+def version_of(name: str) -> str:
+    """Of a package as it was installed; "unknown" where what tells it was removed, as packagers do."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def how_to_install(extra: str) -> str:
+    """The command that installs what an extra of this program needs: from this program's folder, which no index has, or, where it is
+    installed without one, the packages themselves."""
+    installs = _installer()
+    folder = Path(__file__).resolve().parents[2]
+    if (folder / "pyproject.toml").is_file():
+        return f"{installs} '{folder}[{extra}]'"
+    try:
+        stated = [text.replace("'", '"').partition(";") for text in requires("lmeasure") or []]
+    except PackageNotFoundError:
+        stated = []
+    wanted = [package.strip() for package, _, condition in stated if condition.endswith(f'extra == "{extra}"')]
+    return f"{installs} " + " ".join(f"'{text}'" for text in wanted) if wanted else f"install lmeasure with its extra {extra}"
+
+
+def _installer() -> str:
+    """What installs into the environment that runs here: the `pip` of the path may be another's, and uv makes environments without one."""
+    if find_spec("pip") is None:
+        return f"uv pip install --python {sys.executable}"
+    return f"{sys.executable} -m pip install"

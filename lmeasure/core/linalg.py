@@ -9,10 +9,8 @@ import numpy as np
 
 from lmeasure.core.arrays import FloatArray
 
-NOTHING = 1e-14
-"""Of the largest eigenvalue: what is less is rounding."""
-SAME = 1e-12
-"""One less the correlation from which two parameters are one that stands twice."""
+NOTHING = 1e-14  # Of the largest eigenvalue: what is less is rounding
+SAME = 1e-12  # One less the correlation from which two parameters are one that stands twice
 
 
 def symmetric_root(covariance: FloatArray) -> FloatArray:

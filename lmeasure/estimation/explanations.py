@@ -27,16 +27,13 @@ CHANCE = 1e-3
 NEEDED = 12.0
 """Least gain in twice the log likelihood for which an explanation is taken: chance has it once in thousands, and there are a dozen."""
 
-SURE = 20.0
-"""The same of a further explanation, when chi-squared is no longer beyond chance: residuals that could be left as they are."""
+SURE = 20.0  # The same of a further explanation, when chi-squared is no longer beyond chance: residuals that could be left as they are
 
-MOST_TAKEN = 3
-"""Explanations of one problem."""
+MOST_TAKEN = 3  # Explanations of one problem
 
 ROUNDS = 2  # the second settles a size where the first moved the optimum
 
-ASKED = 4.0
-"""Least gain of an explanation beside others; one that gains less is idle."""
+ASKED = 4.0  # Least gain of an explanation beside others; one that gains less is idle
 
 ALLOWED = 0.5
 """Fall of twice the log likelihood down to which residuals allow an error that nobody stated: it need not show to be there.
@@ -44,8 +41,7 @@ ALLOWED = 0.5
 The largest such size is below the true one in 24 of 100 cases (chi-squared of one degree of freedom), with a fall of 1.0 in 16. More would
 make uncertainties larger than they need be: with 0.5 they are already twice the errors of a campaign of 20 noisy poses of known truth."""
 
-REFUTED = 9.2
-"""By how much less a lasting error must gain than another, so that it need not be reckoned with: odds of a hundred."""
+REFUTED = 9.2  # By how much less a lasting error must gain than another, so that it need not be reckoned with: odds of a hundred
 
 LEAST, MOST = 1e-6, 1e3  # sizes between which an explanation is looked for; neither is a result
 GRID = 60

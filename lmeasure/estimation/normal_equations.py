@@ -13,8 +13,7 @@ import scipy
 from lmeasure.core import FloatArray
 
 STEPS = 60
-SMALL = 1e-4
-"""Of a standard uncertainty: a step that is smaller ends."""
+SMALL = 1e-4  # Of a standard uncertainty: a step that is smaller ends
 L = TypeVar("L")
 
 
@@ -37,9 +36,8 @@ class Blockwise(Protocol[L]):
 
 @dataclass(frozen=True)
 class Optimum(Generic[L]):
-    """theta (p,), its covariance (p, p), information (p, p) of the residuals alone, determined: how many of the parameters they
-    determine, those that they and the priors do together in parts, chi2 of them, how many, whether it settled, and what is predicted
-    there."""
+    """theta (p,), its covariance (p, p), information (p, p) of the residuals alone, determined: how many of the parameters they determine,
+    those that they and the priors do together in parts, chi2 of them, how many, whether it settled, and what is predicted there."""
 
     theta: FloatArray
     covariance: FloatArray

@@ -14,8 +14,7 @@ from lmeasure.core import FloatArray, IntArray
 from lmeasure.estimation.problem import Parameters
 
 EVEN = 1e-9  # by which a half may be missed by rounding
-SHARE = 0.3
-"""Of a direction that several owners share, from which an owner's part is determined."""
+SHARE = 0.3  # Of a direction that several owners share, from which an owner's part is determined
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,8 @@ from lmeasure.core import FloatArray
 FREEDOM = 4.0
 BURNT = 6
 STEPS = 12
-ENOUGH = 0.01
-"""Gain in the logarithm of the density at which the mode is near enough to begin there."""
-FARTHEST = 7.0
-"""Logarithms of sizes beyond this are no result."""
+ENOUGH = 0.01  # Gain in the logarithm of the density at which the mode is near enough to begin there
+FARTHEST = 7.0  # Logarithms of sizes beyond this are no result
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,3 @@
-from .architecture import architecturally_singular as architecturally_singular
 from .bounds import Behind as Behind, Bounds as Bounds, Further as Further, Kept as Kept, Lines as Lines
 from .chain import Chain as Chain, grown as grown, proved as proved
 from .detours import detour as detour
@@ -7,7 +6,6 @@ from .hooke_joints import HookeJoints as HookeJoints
 from .length_limits import Around as Around
 from .lost_screw import Split as Split
 from .rods import End as End, RodLinks as RodLinks
-from .screw_method import SINGULAR as SINGULAR, driven as driven
 from .singular_drives import (
     Closing as Closing,
     Drive as Drive,
@@ -19,6 +17,7 @@ from .singular_drives import (
 from .singularity import (
     LOST as LOST,
     Neighbourhood as Neighbourhood,
+    architecturally_singular as architecturally_singular,
     gradients as gradients,
     line_pressure_angles as line_pressure_angles,
     link_pressure_angles as link_pressure_angles,
@@ -35,6 +34,7 @@ from .topology import (
     LINKS as LINKS,
     Incidence as Incidence,
     Structure as Structure,
+    Variants as Variants,
     class_of as class_of,
     incidence as incidence,
     mobility as mobility,
@@ -42,6 +42,11 @@ from .topology import (
     somov_malyshev as somov_malyshev,
     structures as structures,
 )
-from .variants import Variants as Variants
 from .workspace import Boundary as Boundary, Slice as Slice, boundary as boundary, first_met as first_met
-from .wrapped_links import by_side as by_side, distances as distances, wrapped_assemblies as wrapped_assemblies
+from .wrapped_links import (
+    SINGULAR as SINGULAR,
+    by_side as by_side,
+    distances as distances,
+    driven as driven,
+    wrapped_assemblies as wrapped_assemblies,
+)

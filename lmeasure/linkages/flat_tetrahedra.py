@@ -25,11 +25,9 @@ from lmeasure.text import message
 
 BOXES = 40_000  # in all, after which an enclosure is as wide as it is
 TOLERANCE = 1e-5  # of the largest edge: an enclosure no wider is sharp
-EDGES = ("xy", "px", "py", "qx", "qy")
-"""The five edges of `Tetrahedron`, in the order of boxes (..., 5, 2)."""
+EDGES = ("xy", "px", "py", "qx", "qy")  # The five edges of `Tetrahedron`, in the order of boxes (..., 5, 2)
 
-Limits = Mapping[str, tuple[float, float]]
-"""Least and greatest length [mm] of every edge that varies or does not, by its name."""
+Limits = Mapping[str, tuple[float, float]]  # Least and greatest length [mm] of every edge that varies or does not, by its name
 
 
 def flat(edges: Sequence[FloatArray] | FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -23,10 +23,8 @@ from lmeasure.core import BoolArray, ComplexArray, FloatArray, IntArray
 from lmeasure.linkages import study_quadric
 from lmeasure.linkages.study_quadric import Array
 
-DIGITS = 160
-"""Binary ones of a pose's coordinates, of which the largest is 1."""
-Whole = NDArray[np.object_]
-"""Of Python's integers."""
+DIGITS = 160  # Binary ones of a pose's coordinates, of which the largest is 1
+Whole = NDArray[np.object_]  # Of Python's integers
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ import numpy as np
 from lmeasure.core import FloatArray, se3
 from lmeasure.linkages import study_quadric
 
-SLACK = 1e-11
-"""Of every term: far more than all roundings of it together, quadrics and an inverse of a condition below CONDITION included."""
+SLACK = 1e-11  # Of every term: far more than all roundings of it together, quadrics and an inverse of a condition below CONDITION included
 CONDITION = 1e4  # with coordinates in parts of the rig's size
 STEPS = 200
 

@@ -31,11 +31,9 @@ from lmeasure.linkages.singularity import cofactors, moved, rim_mm
 Point = tuple[float, float, float]
 BATCH, MOST, MET, STEPS = 300, 10, 4, 40
 """Starts of one batch, batches, how often each assembly mode must be met, and Newton's steps from a start."""
-DIFFERENCE = 1e-5
-"""Step of difference quotients, as a share of a radian and of the rim."""
+DIFFERENCE = 1e-5  # Step of difference quotients, as a share of a radian and of the rim
 CLOSES, SAME = 1e-10, 1e-6
-ROUNDING = 1e-12
-"""In parts of the rig's size, or of a rod."""
+ROUNDING = 1e-12  # In parts of the rig's size, or of a rod
 
 
 class End(NamedTuple):

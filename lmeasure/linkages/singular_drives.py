@@ -23,10 +23,8 @@ FREEDOMS = 6
 LEAST_RANK = 3
 STEPS = 100
 NO_PART = 1e-9
-CUSP = 0.05
-"""Of the sum of the curvature's parts: below it other assembly modes are so near that the signs hold for tiny changes only."""
-SETS = 20
-"""Sets of several extra drives that are listed."""
+CUSP = 0.05  # Of the sum of the curvature's parts: below it other assembly modes are so near that the signs hold for tiny changes only
+SETS = 20  # Sets of several extra drives that are listed
 
 
 @dataclass(frozen=True)

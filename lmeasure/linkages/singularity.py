@@ -11,13 +11,21 @@ The gradient in closed form. With C the cofactors of the rows M, C_i = (c_i; d_i
 so that with g_i = (1 - e_i e_i')(c_i + d_i x B_i) / l_i the gradient is K = (sum_i P_i x g_i ; sum_i g_i). The cofactors exist at singular
 poses too. The increments that the thesis prints one by one (4.5, eqs. 4.30, 4.31; 4.6) are the columns of this sum, with a dozen
 misprints: r of B for r of P, squares missing, signs of the moments' third components.
+
+Architecturally singular rigs, whose links depend on each other at every pose, are determined from coordinates at poses taken at random:
+dimensions at which links hold a body anywhere hold it at almost all poses. The names are of the known kinds: all points of a body on one
+line, four links between points in the same ratios on two lines, and plane figures on conics of which one is a projective image of the
+other, as regular hexagons are (Roeschel and Mick, Characterisation of architecturally shaky platforms, 1998).
 """
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, IntArray, se3
+from lmeasure.text import message
 
 
 def pluecker_rows(arms: FloatArray, directions: FloatArray) -> FloatArray:
@@ -43,8 +51,7 @@ FLAT = 1e-6  # of what would matter: curvature over a length, a gradient beside 
 
 
 ROUNDING = 1e-13
-SOUND = 1e-3
-"""Determinant of rows of length one from which an inverse is as good as any."""
+SOUND = 1e-3  # Determinant of rows of length one from which an inverse is as good as any
 
 
 def rim_mm(body: FloatArray) -> float:
@@ -225,3 +232,43 @@ def line_pressure_angles(M: FloatArray, points: FloatArray, middle: FloatArray, 
     if s[-1] <= LOST * s[0]:
         out[dependent(M)] = np.pi / 2.0
     return np.asarray(out)
+
+
+POSES = 6
+SINGULAR = 1e-5
+"""Of the largest singular value: below it at every pose, links depend. Rigs that hold a body have 1e-3 and more at most poses; coordinates
+of such a rig of half a metre that were rounded to the micrometre make some 1e-6."""
+STRAIGHT = 1e-5  # of a figure's size: points so near to one line or plane are on it
+
+
+def architecturally_singular(base: FloatArray, platform: FloatArray) -> str | None:
+    """Why links from points base (6, 3) to points platform (6, 3) depend on each other at every pose; None where they do not."""
+    a, b = base - base.mean(axis=0), platform - platform.mean(axis=0)
+    size = max(np.abs(a).max(), np.abs(b).max())
+    rng = np.random.default_rng(0)
+    poses = se3.pose(rng.normal(size=(POSES, 3)), Rotation.random(POSES, rng=rng))
+    s = np.linalg.svd(link_rows(a / size, b / size, poses)[0], compute_uv=False)
+    if not (s[:, -1] < SINGULAR * s[:, 0]).all():
+        return None
+    for points, name in ((a, "base"), (b, "platform")):
+        if _flatness(points, 1):
+            return message("linkages.all_points_lie_one", body=message(f"linkages.{name}"))
+    four = next((list(i) for i in itertools.combinations(range(6), 4) if _flatness(a[list(i)], 1) and _flatness(b[list(i)], 1)), None)
+    if four is not None:
+        return message("linkages.links_join_points_same", links=tuple(str(i + 1) for i in four))
+    if _flatness(a, 2) and _flatness(b, 2):
+        return message("linkages.conics_similar" if _similar(a, b) else "linkages.conics")
+    return message("linkages.links_depend_each_other")
+
+
+def _flatness(points: FloatArray, dimensions: int) -> bool:
+    """Whether points (k, 3) span no more than so many dimensions."""
+    s = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(s[dimensions] <= STRAIGHT * s[0])
+
+
+def _similar(a: FloatArray, b: FloatArray) -> bool:
+    """Whether the distances of both figures are in one ratio."""
+    of_a, of_b = (np.linalg.norm(points[:, None] - points, axis=2) for points in (a, b))
+    ratio = np.sqrt((of_b**2).sum() / (of_a**2).sum())
+    return bool(np.abs(of_b - ratio * of_a).max() <= STRAIGHT * of_b.max())

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from lmeasure.core import ComplexArray, FloatArray
 
-Array = NDArray[Any]
-"""Real or complex."""
+Array = NDArray[Any]  # Real or complex
 
 
 def links(base: ComplexArray | FloatArray, platform: ComplexArray | FloatArray, squares: ComplexArray | FloatArray) -> ComplexArray:

@@ -3,6 +3,9 @@
 A class L(n, m) and its degrees, `L-321-222`, platform first, say how many links meet in each point of the platform and of the base. They do
 not yet say which: a class holds several incidence graphs, and each is a structure of its own, written `L-321-222:abc-ab-c`, the base points
 of each platform point by letters. With platform and base distinguished, there are 60; 59 can determine a pose (Arzumanyan's number).
+
+The drawings of tables 2.3 to 2.6 with the extended variants (thesis 2.2, 2.3) are lost. The numbers of `Variants` follow from the incidence
+graph, and agree with every number of the text (`tests/linkages/test_variants.py`).
 """
 
 import re
@@ -11,17 +14,19 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import chain, combinations, groupby, pairwise, permutations, product
 from math import factorial, prod
+from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from lmeasure.core import FileFormatError, FloatArray
-from lmeasure.text import message
+from lmeasure.core import FileFormatError, FloatArray, StructureError
+from lmeasure.text import composed, message
 
 LINKS = 6
 DEGREES = ((3, 2, 1), (2, 2, 2), (3, 1, 1, 1), (2, 2, 1, 1), (2, 1, 1, 1, 1), (1, 1, 1, 1, 1, 1))
 """How six links may meet on one side: in three to six points, at most three in one, for a fourth would only repeat what three say."""
-CLOSED_FORM_ASSEMBLIES = 8
-"""Complex assemblies of every structure that tetrahedra solve: three corners, each on either side of a plane."""
+CLOSED_FORM_ASSEMBLIES = 8  # Complex assemblies of every structure that tetrahedra solve: three corners, each on either side of a plane
 
 Links = tuple[tuple[int, int], ...]
 Placement = tuple[str, int, tuple[tuple[str, int], ...]]
@@ -233,10 +238,9 @@ def somov_malyshev(rods: int = 0, merged: int = 0, fingers: bool = True, links: 
     change (thesis 2.1, chapter 3).
 
     Derived again from the drawings. Each link has two parts on a sliding pair (P5), a spherical joint at one end (P3) and at the other one
-    whose finger keeps the link from turning about itself (P4): 13 moving bodies with the platform when there are
-    six, whichever ends are joined in one point.
-    An input rod adds a body, a joint with a finger and a sphere in which it slides (P2); a rod that is merged with a link takes all three
-    away again. Without fingers every P4 is a P3, and each link and rod turns about itself: 15 = 6 + 9 with three rods.
+    whose finger keeps the link from turning about itself (P4): 13 moving bodies with the platform when there are six, whichever ends are
+    joined in one point. An input rod adds a body, a joint with a finger and a sphere in which it slides (P2); a rod that is merged with a
+    link takes all three away again. Without fingers every P4 is a P3, and each link and rod turns about itself: 15 = 6 + 9 with three rods.
     """
     k = rods - merged
     n, P5, P4, P3, P2 = 2 * links + 1 + k, links, links + k, links, k
@@ -273,3 +277,49 @@ def class_of(base: FloatArray, platform: FloatArray) -> str:
 def _same_places(points: FloatArray) -> list[int]:
     """For each point the first one at its place."""
     return [int(np.flatnonzero((points == point).all(axis=1))[0]) for point in points]
+
+
+@dataclass(frozen=True)
+class Variants:
+    """Variants of a structure that determines a pose."""
+
+    structure: Structure
+
+    def __post_init__(self) -> None:
+        """StructureError of a structure that determines no pose."""
+        if self.structure.degenerate is not None:
+            raise StructureError(composed("{where}: {error}", where=self.structure.notation, error=self.structure.degenerate))
+
+    @cached_property
+    def moved(self) -> tuple[int, int]:
+        """(platform, base) how many ends of drives can be put from points of the body onto neighbouring links: all but one of each point.
+
+        Its distances from the link's ends give back the link that was (`rods`), so that poses and singular poses stay as they are.
+        """
+        platform, base = (len(degrees) for degrees in self.structure.degrees)
+        return len(self.structure.links) - platform, len(self.structure.links) - base
+
+    @property
+    def arrangements(self) -> int:
+        """Arrangements of table 2.3: from either body that has points in common, onto rods or cylinders of the neighbours."""
+        return 2 * sum(ends > 0 for ends in self.moved)
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """Return the numbers for platform and base, as JSON has them."""
+        both = [self.rods(0), self.rods(1)]
+        return {"drives_moved": list(self.moved), "rods": [n for n, _ in both], "bent_rods": [bent for _, bent in both]}
+
+    def rods(self, side: int) -> tuple[int, int]:
+        """(rods, bent ones) when every point of the platform (side 0) or base (1) is carried by a rod through a point of the other body to
+        which it is linked: of the rods through one point one is straight and all others are bent around it (figure 2.7). The fewest that
+        must be: those left over by a matching of points to points (Koenig)."""
+        counts = [len(degrees) for degrees in self.structure.degrees]
+        pairs = np.array(self.structure.links).T[[side, 1 - side]]
+        graph = csr_array((np.ones(len(self.structure.links)), (pairs[0], pairs[1])), shape=(counts[side], counts[1 - side]))
+        matched = int((maximum_bipartite_matching(graph, perm_type="column") >= 0).sum())
+        return counts[side], counts[side] - matched
+
+    def freedoms(self, side: int) -> tuple[int, int]:
+        """(of the platform, turns of parts about themselves) of the variant with rods, each with a finger, by Somov and Malyshev."""
+        return somov_malyshev(rods=self.rods(side)[0])

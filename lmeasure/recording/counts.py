@@ -13,10 +13,8 @@ from lmeasure.kernels import BELIEVED_AT, FOLLOWED, FOREIGN, PAUSE, STATE, UNSUR
 from lmeasure.text import message
 
 INFERRED_BITS = (16, 24, 32)
-STAMPS = "_time_s"
-"""Behind the name of a channel: the column of its own times."""
-FRAMES = "_frame"
-"""Behind the name of a channel: the column of the counts that came at its own times."""
+STAMPS = "_time_s"  # Behind the name of a channel: the column of its own times
+FRAMES = "_frame"  # Behind the name of a channel: the column of the counts that came at its own times
 
 
 @dataclass(frozen=True, repr=False)

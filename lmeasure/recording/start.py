@@ -18,8 +18,7 @@ from lmeasure.rig import TYPICAL_SIZES, Rig, Unstated
 from lmeasure.text import joined, message
 
 LENGTHS = "lengths_mm"
-TYPED = "angles"
-"""Three angles in whatever convention the rig has, as a person types them behind --start."""
+TYPED = "angles"  # Three angles in whatever convention the rig has, as a person types them behind --start
 START_UNCERTAINTY = ("u_position_mm", "u_rotation_deg", "u_length_mm")
 CLEARLY = 2.0  # times farther than the nearest assembly the next one must be from the place that is stated
 

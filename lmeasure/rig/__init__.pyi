@@ -9,6 +9,7 @@ from .calibration_record import (
     SolvedEffect as SolvedEffect,
     Unobservable as Unobservable,
     read_calibration_record as read_calibration_record,
+    read_linked_rig as read_linked_rig,
     write_calibration_record as write_calibration_record,
 )
 from .can import (
@@ -34,17 +35,20 @@ from .drum_measurement import (
     read_drums as read_drums,
     with_drums as with_drums,
 )
-from .parameter_table import FURTHER as FURTHER, TABLE as TABLE, TILT as TILT, Owner as Owner
 from .parameters import (
     FACTORS as FACTORS,
+    FURTHER as FURTHER,
     FURTHER_KEYS as FURTHER_KEYS,
     GROUPS as GROUPS,
     GUIDE as GUIDE,
     PHASED as PHASED,
     PLACE as PLACE,
     SCALE as SCALE,
+    TABLE as TABLE,
+    TILT as TILT,
     UNSIGNED as UNSIGNED,
     ZEROS as ZEROS,
+    Owner as Owner,
     Parameter as Parameter,
     Slots as Slots,
     attachment_names as attachment_names,
@@ -60,9 +64,7 @@ from .parameters import (
     with_kernel_values as with_kernel_values,
     with_values as with_values,
 )
-from .plausible_size import unlikely_size as unlikely_size
 from .points_and_drums import Cable as Cable, Drum as Drum, ObservationPoint as ObservationPoint
-from .record_link import read_linked_rig as read_linked_rig
 from .rig import (
     CABLES_FOR_A_POSE as CABLES_FOR_A_POSE,
     Observed as Observed,
@@ -73,7 +75,6 @@ from .rig import (
     write_rig as write_rig,
 )
 from .sensor_table import (
-    GROUP as GROUP,
     AngleSensor as AngleSensor,
     LengthSensor as LengthSensor,
     SensorChannel as SensorChannel,
@@ -89,4 +90,5 @@ from .typical_sizes import (
     WARMER_K as WARMER_K,
     TypicalSize as TypicalSize,
     Unstated as Unstated,
+    unlikely_size as unlikely_size,
 )

@@ -1,24 +1,171 @@
-"""Parameters of an instrument by their names: values, priors, and where rig and kernels keep them (`rig.parameter_table`)."""
+"""Parameters of an instrument by their names: values, priors, and where rig and kernels keep them.
+
+A further parameter of cables is a row of `TABLE`, its key in `rig`, and its derivative in `kernels.cable`; or, where a rig seldom has it,
+a row of `FURTHER`, its key, and its law in `sensors.imperfect_parts`.
+"""
 
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
 
+from lmeasure import kernels
 from lmeasure.core import BoolArray, CalibrationError, FloatArray, RigError
-from lmeasure.kernels import ALPHA, BETA, CABLE, GUIDE_XYZ, KIND, SWIVEL, TURN_COUNTS, guide_direction
-from lmeasure.rig.parameter_table import FURTHER as FURTHER, TABLE as TABLE, TILT, CableParameter, Owner as Owner
-from lmeasure.rig.points_and_drums import Drum, ObservationPoint
+from lmeasure.rig.points_and_drums import Cable, Drum, ObservationPoint
 from lmeasure.rig.rig import Observed, Rig, rig_from_dict
 from lmeasure.rig.sensor_table import OwnParameter, SensorChannel, SensorTable
 from lmeasure.text import message
 
+
+class Owner(StrEnum):
+    """What of a rig a cable's parameter belongs to. Of a drum the observation point's name is the name."""
+
+    POINT = "observation point"
+    DRUM = "drum"
+    ATTACHMENT = "attachment point"
+    SENSOR = "sensor"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CableParameter:
+    """A kind of parameter of a cable.
+
+    key: after the owner's name, that of a value in a calibration record; group: what `--solve` calls it.
+    default_u: prior standard uncertainty of a nominal value that states none (a drawing, a tape measure, a protractor); assumed_u: of one
+    in the rig's `assumed` list, which nobody measured. column: where the kernels' rows have it, if they do.
+    """
+
+    key: str
+    owner: Owner
+    group: str
+    default_u: float
+    assumed_u: float
+    column: int | None
+    stored: str = ""
+    """Its key in rig.toml, where that is another; index: which of several numbers there."""
+    index: int | None = None
+    stated: str = ""
+    """The key of its standard uncertainty, where that is another than u_ and the key."""
+    inverse: str = ""
+    """A key of rig.toml that says the same the other way round: what is uncertain of it is uncertain of the parameter."""
+    per_revolution: bool = False
+    """Whether the kernels' rows have it per count, as its share of a drum's revolution."""
+    unsigned: bool = False
+    """Whether its sign means nothing."""
+
+    @property
+    def unit(self) -> str:
+        """mm, deg, or nothing."""
+        return next((unit for unit in ("mm", "deg") if self.key.endswith(f"_{unit}")), "")
+
+    @property
+    def factor(self) -> float:
+        """What the kernels have for one unit: radians of a degree."""
+        return math.radians(1.0) if self.unit == "deg" else 1.0
+
+    def name(self, cable: Cable) -> str:
+        """What a calibration record calls it."""
+        return f"tool.{cable.to_point}.{self.key}" if self.owner is Owner.ATTACHMENT else f"{cable.from_point}.{self.key}"
+
+
+def _place(axis: str, column: int) -> CableParameter:
+    return CableParameter(
+        key=f"{axis}_mm", owner=Owner.POINT, group="position", default_u=30.0, assumed_u=300.0, column=column,
+        stored="position_mm", index="xyz".index(axis), stated="u_position_mm",
+    )  # fmt: skip
+
+
+def _attachment(axis: str, column: int) -> CableParameter:
+    return CableParameter(
+        key=f"{axis}_mm", owner=Owner.ATTACHMENT, group="attachment", default_u=0.5, assumed_u=20.0, column=column,
+        index="xyz".index(axis), stated="u_attachment_mm",
+    )  # fmt: skip
+
+
+def _guide(angle: str, column: int, assumed_u: float) -> CableParameter:
+    return CableParameter(
+        key=f"guide_{angle}_deg", owner=Owner.POINT, group="guide", default_u=5.0, assumed_u=assumed_u,
+        column=column, stated="u_guide_deg",
+    )  # fmt: skip
+
+
+TABLE = (
+    _place("x", kernels.BASE),
+    _place("y", kernels.BASE + 1),
+    _place("z", kernels.BASE + 2),
+    _guide("alpha", kernels.ALPHA, 26.0),  # anywhere within +-45 degrees
+    _guide("beta", kernels.BETA, 104.0),  # anywhere on the circle: 360/sqrt(12)
+    CableParameter(
+        key="pulley_radius_mm", owner=Owner.POINT, group="radius", default_u=1.0, assumed_u=10.0,
+        column=kernels.RADIUS, unsigned=True,
+    ),
+    CableParameter(
+        key="scale", owner=Owner.DRUM, group="scale", default_u=0.01, assumed_u=0.3, column=None,
+        inverse="count_length_mm",
+    ),
+    CableParameter(
+        key="tangent_length_mm", owner=Owner.DRUM, group="tangent", default_u=5.0, assumed_u=60.0,
+        column=kernels.TANGENT,
+    ),
+    CableParameter(
+        key="axial_offset_mm", owner=Owner.DRUM, group="axial", default_u=5.0, assumed_u=20.0,
+        column=kernels.AXIAL,
+    ),
+    _attachment("x", kernels.ATTACHMENT),
+    _attachment("y", kernels.ATTACHMENT + 1),
+    _attachment("z", kernels.ATTACHMENT + 2),
+    CableParameter(
+        key="groove_pitch_mm", owner=Owner.DRUM, group="pitch", default_u=0.05, assumed_u=1.0,
+        column=kernels.TRAVEL, per_revolution=True,
+    ),
+)  # fmt: skip
+"""In the order of `kernels.layout.PARAMETERS`."""
+
+
+def _pair(key: str, owner: Owner, group: str, *, u: float, suffixes: tuple[str, str], unit: str = "mm") -> tuple[CableParameter, ...]:
+    """Two components that rig.toml keeps in one list."""
+    return tuple(
+        CableParameter(
+            key=f"{key}_{suffix}_{unit}",
+            owner=owner,
+            group=group,
+            default_u=u,
+            assumed_u=10.0 * u,
+            column=None,
+            stored=f"{key}_{unit}",
+            index=i,
+            stated=f"u_{key}_{unit}",
+        )
+        for i, suffix in enumerate(suffixes)
+    )
+
+
+FURTHER = (
+    *_pair("run_out", Owner.DRUM, "run-out", u=0.05, suffixes=("cos", "sin")),
+    *_pair("pulley_eccentricity", Owner.POINT, "eccentricity", u=0.1, suffixes=("cos", "sin")),
+    CableParameter(
+        key="swivel_offset_mm", owner=Owner.POINT, group="offset", default_u=0.5, assumed_u=5.0, column=None,
+    ),
+    CableParameter(
+        key="cable_oversize_mm", owner=Owner.DRUM, group="diameter", default_u=0.1, assumed_u=0.5,
+        column=None,
+    ),
+    CableParameter(
+        key="backlash_counts", owner=Owner.DRUM, group="backlash", default_u=2.0, assumed_u=20.0, column=None,
+    ),
+)  # fmt: skip
+"""What a rig need not have, 0 where it is not given: in the order of `sensors.imperfect_parts`, which has their laws."""
+
+TILT = _pair("swivel_tilt", Owner.POINT, "tilt", u=0.3, suffixes=("alpha", "beta"), unit="deg")
+"""What is added to the guide's angles, whose derivatives are its own; 0 where it is not given."""
+
+
 ZEROS = ("zero_deg", "zero_mm")
 """What is found of an absolute sensor, by the name of its channel: the angle or length at count 0."""
-EXACT = 1e-9
-"""Least prior standard uncertainty, of a value that is stated to be exact and solved for all the same."""
+EXACT = 1e-9  # Least prior standard uncertainty, of a value that is stated to be exact and solved for all the same
 
 
 @dataclass(frozen=True)
@@ -50,10 +197,8 @@ FURTHER_KEYS = frozenset(p.key for p in FURTHER)
 PHASED = frozenset(p.key for p in FURTHER if p.group in ("run-out", "eccentricity"))
 """Of what turns with drum and pulley, and means nothing without where they stood."""
 
-_OF_PULLEY = ("eccentricity", "offset")
-"""Groups of what a point without a pulley does not have."""
-_ABSENT = frozenset(p.stored or p.key for p in _SELDOM)
-"""Keys that mean 0 where they are not given."""
+_OF_PULLEY = ("eccentricity", "offset")  # Groups of what a point without a pulley does not have
+_ABSENT = frozenset(p.stored or p.key for p in _SELDOM)  # Keys that mean 0 where they are not given
 _IN_ROWS = np.array([p.column is not None for p in TABLE])
 _COLUMNS = np.array([-1 if p.column is None else p.column for p in TABLE])
 _PER_REVOLUTION = np.array([p.per_revolution for p in TABLE])
@@ -124,7 +269,7 @@ def parameter_of(rig: Rig, name: str) -> Parameter:
     assert value is not None
     usual = p.assumed_u if name in _assumed(rig) else p.default_u
     prior_u = usual if u is None else max(u, EXACT)
-    if p.column == BETA and u != 0.0:
+    if p.column == kernels.BETA and u != 0.0:
         prior_u = min(prior_u * azimuth_stretch(rig.point(owner).guide_alpha_deg), max(p.assumed_u, prior_u))
     return Parameter(name, value, prior_u, p.unit)
 
@@ -274,7 +419,7 @@ def kernel_values(rows: FloatArray) -> FloatArray:
     """(m, 13) parameters of m cables in the kernels' order and units, from their rows; NaN for what these do not have."""
     out = np.full((len(rows), len(TABLE)), np.nan)
     out[:, _IN_ROWS] = rows[:, _COLUMNS[_IN_ROWS]]
-    out[:, _PER_REVOLUTION] *= rows[:, [TURN_COUNTS]]
+    out[:, _PER_REVOLUTION] *= rows[:, [kernels.TURN_COUNTS]]
     return out
 
 
@@ -291,10 +436,10 @@ class Slots:
     def __init__(self, rows: FloatArray, chosen: BoolArray) -> None:
         self.cable, self.parameter = np.nonzero(chosen & _IN_ROWS)
         self._at = self.cable, _COLUMNS[self.parameter]
-        self._per = np.where(_PER_REVOLUTION[self.parameter], rows[self.cable, TURN_COUNTS], 1.0)
+        self._per = np.where(_PER_REVOLUTION[self.parameter], rows[self.cable, kernels.TURN_COUNTS], 1.0)
         # other sensors have their zero where a cable has a radius
-        self._unsigned = np.flatnonzero(_UNSIGNED[self.parameter] & (rows[self.cable, KIND] == CABLE))
-        self._guided = np.flatnonzero(np.isin(rows[:, KIND], (CABLE, SWIVEL)))
+        self._unsigned = np.flatnonzero(_UNSIGNED[self.parameter] & (rows[self.cable, kernels.KIND] == kernels.CABLE))
+        self._guided = np.flatnonzero(np.isin(rows[:, kernels.KIND], (kernels.CABLE, kernels.SWIVEL)))
 
     def filled(self, rows: FloatArray, values: FloatArray) -> FloatArray:
         """The rows with values (k,) in the kernels' units there."""
@@ -303,5 +448,5 @@ class Slots:
         new[self._unsigned] = np.abs(new[self._unsigned])
         out[self._at] = new
         for j in self._guided:
-            out[j, GUIDE_XYZ] = guide_direction(out[j, ALPHA], out[j, BETA])
+            out[j, kernels.GUIDE_XYZ] = kernels.guide_direction(out[j, kernels.ALPHA], out[j, kernels.BETA])
         return out

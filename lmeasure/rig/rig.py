@@ -11,20 +11,9 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, create_model, model_validator
 
+from lmeasure import kernels
 from lmeasure.core import DataFrame, FloatArray, IntArray, RigError, Shown, conventions, framed, plug_in_names
 from lmeasure.io import Keys, Name, Strict, checked, files, of_key, refuse
-from lmeasure.kernels import (
-    ATTACHMENT_XYZ,
-    AXIAL,
-    CABLE_COLUMNS,
-    COUNT_LENGTH,
-    RADIUS,
-    TANGENT,
-    TRAVEL,
-    TURN_COUNTS,
-    counts_from_changes,
-    span_lengths,
-)
 from lmeasure.rig.can import CanOpenCan, CanTable, DbcCan, J1939Can, RawCan, check_channels, default_can
 from lmeasure.rig.points_and_drums import (
     Cable as Cable,
@@ -35,7 +24,7 @@ from lmeasure.rig.points_and_drums import (
     NotNegative,
     ObservationPoint as ObservationPoint,
 )
-from lmeasure.rig.sensor_table import GROUP, TABLES, SensorChannel, SensorTable, table_of
+from lmeasure.rig.sensor_table import TABLES, SensorChannel, SensorTable, table_of
 from lmeasure.rig.sensors import Distance, Inclination, Swivel, fill_point
 from lmeasure.rig.typical_sizes import TYPICAL_SIZES, Unstated
 from lmeasure.text import message
@@ -115,7 +104,7 @@ class Rig(Shown, Strict):
     @classmethod
     def further_keys(cls) -> tuple[str, ...]:
         """Return the tables of sensors that other packages add."""
-        return plug_in_names(GROUP)
+        return plug_in_names(kernels.GROUP)
 
     def about(self) -> dict[str, str]:
         """Name, cables, points, calibration."""
@@ -260,19 +249,19 @@ class Rig(Shown, Strict):
         """(m, columns) rows of the kernels (`lmeasure.kernels.layout`) for the given channels, default all cables: mm and rad, B and u in
         the base frame, P in the tool frame."""
         chosen = self.cable if cables is None else cables
-        return np.array([self._row(o) for o in chosen]).reshape(len(chosen), CABLE_COLUMNS)
+        return np.array([self._row(o) for o in chosen]).reshape(len(chosen), kernels.CABLE_COLUMNS)
 
     def _row(self, o: Observed) -> FloatArray:
-        row = np.zeros(CABLE_COLUMNS)
+        row = np.zeros(kernels.CABLE_COLUMNS)
         if isinstance(o, SensorChannel):
             o.table.fill(self, o, row)
             return row
         p = self.point(o.from_point)
-        row[COUNT_LENGTH], row[TURN_COUNTS] = p.drum.per_count, p.drum.counts_per_revolution
+        row[kernels.COUNT_LENGTH], row[kernels.TURN_COUNTS] = p.drum.per_count, p.drum.counts_per_revolution
         fill_point(self, o.from_point, row)
-        row[ATTACHMENT_XYZ], row[RADIUS] = self.tool[o.to_point], p.pulley_radius_mm
-        row[TANGENT], row[TRAVEL] = p.drum.tangent_length_mm, p.drum.axial_per_count_mm
-        row[AXIAL] = p.drum.axial_offset_mm + row[TRAVEL] * self._paid_out.get(o.name, 0.0)
+        row[kernels.ATTACHMENT_XYZ], row[kernels.RADIUS] = self.tool[o.to_point], p.pulley_radius_mm
+        row[kernels.TANGENT], row[kernels.TRAVEL] = p.drum.tangent_length_mm, p.drum.axial_per_count_mm
+        row[kernels.AXIAL] = p.drum.axial_offset_mm + row[kernels.TRAVEL] * self._paid_out.get(o.name, 0.0)
         return row
 
     def zeroed_at(self, poses: FloatArray, counts: FloatArray | None = None, cables: tuple[Observed, ...] | None = None) -> Self:
@@ -287,8 +276,8 @@ class Rig(Shown, Strict):
         if stated:
             own, chosen = list(stated), tuple(stated.values())
             rows, at = out.cable_rows(chosen), np.ascontiguousarray(np.broadcast_to(poses, (len(every), 7))[own])
-            longer = np.diag(span_lengths(rows, at)) - np.array([c.zero_length_mm for c in chosen])
-            k = counts_from_changes(rows, longer[None])[0] - (0.0 if counts is None else counts[own])
+            longer = np.diag(kernels.span_lengths(rows, at)) - np.array([c.zero_length_mm for c in chosen])
+            k = kernels.counts_from_changes(rows, longer[None])[0] - (0.0 if counts is None else counts[own])
             out._paid_out = {c.name: float(paid) for c, paid in zip(chosen, k, strict=True) if np.isfinite(paid)}
         return out
 

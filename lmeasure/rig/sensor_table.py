@@ -13,34 +13,15 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, g
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
+from lmeasure import kernels
 from lmeasure.core import FloatArray, RigError, plug_in, plug_in_names
 from lmeasure.io import Name, Strict, Whole, of_key, whole
-from lmeasure.kernels import (
-    ANGLE_ZERO,
-    ATTACHMENT_XYZ,
-    BY_ANGLE_ZERO,
-    BY_ATTACHMENT,
-    BY_SCALE,
-    COUNT_LENGTH,
-    EXTERNAL_ANGLE,
-    EXTERNAL_LENGTH,
-    GROUP as GROUP,
-    KIND,
-    KINDS,
-    OWN_COLUMNS,
-    OWN_PARAMETERS,
-    PARAMETERS,
-    TURN_COUNTS,
-)
 from lmeasure.rig.points_and_drums import Cable, Length, NotNegative, ObservationPoint, Positive
 from lmeasure.text import message
 
-TABLES: "dict[str, type[SensorTable]]" = {}
-"""Models of the tables of this process by their names in rig.toml."""
-ANYWHERE_DEG = 360.0 / math.sqrt(12.0)
-"""Standard uncertainty of an angle that may be anywhere on the circle."""
-ANY_MM = 1000.0
-"""The same of a length."""
+TABLES: "dict[str, type[SensorTable]]" = {}  # Models of the tables of this process by their names in rig.toml
+ANYWHERE_DEG = 360.0 / math.sqrt(12.0)  # Standard uncertainty of an angle that may be anywhere on the circle
+ANY_MM = 1000.0  # The same of a length
 SCALE = "scale"
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 SmallAngle = Annotated[float, Field(ge=0, le=360)]
@@ -243,14 +224,16 @@ class SensorTable(Strict):
             base, _, unit = key.rpartition("_") if key.endswith(("_mm", "_deg")) else (key, "", "")
             axes = "xyz" if size == 3 else "123456789"
             found += [(f"{base}_{axes[i]}{'_' if unit else ''}{unit}", key, i) for i in range(size)] if size else [(key, key, None)]
-        if len(found) > len(OWN_PARAMETERS):
-            raise RigError(message("error.its_reading_depends_on", kind=cls.kind, n_found=len(found), n_own_parameters=len(OWN_PARAMETERS)))
-        return tuple(OwnParameter(k, s, i, p, f"u_{s}") for (k, s, i), p in zip(found, OWN_PARAMETERS, strict=False))
+        if len(found) > len(kernels.OWN_PARAMETERS):
+            raise RigError(
+                message("error.its_reading_depends_on", kind=cls.kind, n_found=len(found), n_own_parameters=len(kernels.OWN_PARAMETERS))
+            )
+        return tuple(OwnParameter(k, s, i, p, f"u_{s}") for (k, s, i), p in zip(found, kernels.OWN_PARAMETERS, strict=False))
 
     def solvable(self) -> tuple[OwnParameter, ...]:
         """Return its own parameters, scale and zero included where it has them."""
-        scale = (OwnParameter(SCALE, SCALE, None, BY_SCALE, f"u_{SCALE}"),) if SCALE in type(self).model_fields else ()
-        zero = (OwnParameter(self.zero, self.zero, None, BY_ANGLE_ZERO, f"u_{self.zero}"),) if self.absolute else ()
+        scale = (OwnParameter(SCALE, SCALE, None, kernels.BY_SCALE, f"u_{SCALE}"),) if SCALE in type(self).model_fields else ()
+        zero = (OwnParameter(self.zero, self.zero, None, kernels.BY_ANGLE_ZERO, f"u_{self.zero}"),) if self.absolute else ()
         return (*self.parameters(), *scale, *zero)
 
     def value(self, p: OwnParameter) -> float:
@@ -275,22 +258,22 @@ class SensorTable(Strict):
 
     def names(self, channel: SensorChannel) -> list[str]:
         """Return the calibration record's names of the kernels' `PARAMETERS`, empty where it does not have one."""
-        out = [""] * len(PARAMETERS)
+        out = [""] * len(kernels.PARAMETERS)
         for p in self.solvable():
             out[p.place] = f"{self.channel}.{p.key}"
         if channel.to_point:
-            out[BY_ATTACHMENT : BY_ATTACHMENT + 3] = [f"tool.{channel.to_point}.{axis}_mm" for axis in "xyz"]
+            out[kernels.BY_ATTACHMENT : kernels.BY_ATTACHMENT + 3] = [f"tool.{channel.to_point}.{axis}_mm" for axis in "xyz"]
         return out
 
     def fill(self, rig: Instrument, channel: SensorChannel, row: FloatArray) -> None:
         """Write the kernels' row of a channel."""
-        row[KIND] = kernel_kind(type(self))
-        row[COUNT_LENGTH], row[TURN_COUNTS] = self.per_count, self.counts_per_revolution
-        row[ANGLE_ZERO] = self.zero_value * (1.0 if self.is_length else math.radians(1.0))
+        row[kernels.KIND] = kernel_kind(type(self))
+        row[kernels.COUNT_LENGTH], row[kernels.TURN_COUNTS] = self.per_count, self.counts_per_revolution
+        row[kernels.ANGLE_ZERO] = self.zero_value * (1.0 if self.is_length else math.radians(1.0))
         own = self.parameters()
-        row[list(OWN_COLUMNS[: len(own)])] = [self.value(p) * p.factor for p in own]
+        row[list(kernels.OWN_COLUMNS[: len(own)])] = [self.value(p) * p.factor for p in own]
         if channel.to_point:
-            row[ATTACHMENT_XYZ] = rig.tool[channel.to_point]
+            row[kernels.ATTACHMENT_XYZ] = rig.tool[channel.to_point]
 
 
 class LengthSensor(SensorTable):
@@ -398,8 +381,8 @@ def table_of(name: str) -> type[SensorTable] | None:
     PlugInError
         If another package's cannot be loaded.
     """
-    if name not in TABLES and name in plug_in_names(GROUP):
-        kind = plug_in(GROUP, name, TableKind)  # type: ignore[type-abstract]
+    if name not in TABLES and name in plug_in_names(kernels.GROUP):
+        kind = plug_in(kernels.GROUP, name, TableKind)  # type: ignore[type-abstract]
         assert kind is not None
         if kind.table.kind != name:
             raise RigError(message("error.the_package_that_adds", name=name, kind=kind.table.kind))
@@ -416,13 +399,13 @@ def register_table(table: type[SensorTable]) -> type[SensorTable]:
 def kernel_kind(table: type[SensorTable]) -> int:
     """Return what the kernels' rows have as KIND for a kind that another package adds."""
     number = external_number(table.kind)
-    return EXTERNAL_LENGTH - number if table.is_length else EXTERNAL_ANGLE + number
+    return kernels.EXTERNAL_LENGTH - number if table.is_length else kernels.EXTERNAL_ANGLE + number
 
 
 def external_number(name: str) -> int:
     """Return the number of a kind that another package adds, the same in all processes with the same packages."""
-    names = plug_in_names(GROUP)
+    names = plug_in_names(kernels.GROUP)
     every = [*names, *(n for n, table in TABLES.items() if n not in names and table.fill is SensorTable.fill)]
-    if every.index(name) >= KINDS:
-        raise RigError(message("error.there_are_kinds_of", name=name, n_every=len(every), kinds=KINDS))
+    if every.index(name) >= kernels.KINDS:
+        raise RigError(message("error.there_are_kinds_of", name=name, n_every=len(every), kinds=kernels.KINDS))
     return every.index(name)

@@ -7,26 +7,9 @@ from typing import Annotated, ClassVar
 
 from pydantic import AfterValidator, Field, model_validator
 
+from lmeasure import kernels
 from lmeasure.core import FloatArray
 from lmeasure.io import of_key
-from lmeasure.kernels import (
-    ALPHA,
-    ANGLE_ZERO,
-    ATTACHMENT_XYZ,
-    BASE_XYZ,
-    BETA,
-    BY_BASE,
-    BY_BETA,
-    COUNT_LENGTH,
-    DISTANCE,
-    ECCENTRIC_PHASE,
-    ECCENTRICITY,
-    GUIDE_XYZ,
-    INCLINATION,
-    KIND,
-    SWIVEL,
-    TURN_COUNTS,
-)
 from lmeasure.rig.points_and_drums import Length, NotNegative
 from lmeasure.rig.sensor_table import AngleSensor, Degrees, Instrument, LengthSensor, SensorChannel, register_table
 from lmeasure.text import message
@@ -86,25 +69,27 @@ class Swivel(AngleSensor):
         """Return the calibration record's names of the kernels' parameters: those of its point, its cable's end, and the zero."""
         out = super().names(channel)
         guide = ("x_mm", "y_mm", "z_mm", "guide_alpha_deg", "guide_beta_deg")
-        out[BY_BASE : BY_BETA + 1] = [f"{channel.from_point}.{key}" for key in guide]
+        out[kernels.BY_BASE : kernels.BY_BETA + 1] = [f"{channel.from_point}.{key}" for key in guide]
         return out
 
     def fill(self, rig: Instrument, channel: SensorChannel, row: FloatArray) -> None:
         """Write the kernels' row."""
-        row[KIND], row[COUNT_LENGTH], row[TURN_COUNTS] = SWIVEL, self.per_count, self.counts_per_revolution
-        row[ANGLE_ZERO] = math.radians(self.zero_value)
+        row[kernels.KIND], row[kernels.COUNT_LENGTH], row[kernels.TURN_COUNTS] = kernels.SWIVEL, self.per_count, self.counts_per_revolution
+        row[kernels.ANGLE_ZERO] = math.radians(self.zero_value)
         fill_point(rig, channel.from_point, row)
-        row[ATTACHMENT_XYZ] = rig.tool[channel.to_point]
-        row[ECCENTRICITY], row[ECCENTRIC_PHASE] = (math.radians(v or 0.0) for v in (self.eccentricity_deg, self.eccentricity_phase_deg))
+        row[kernels.ATTACHMENT_XYZ] = rig.tool[channel.to_point]
+        row[kernels.ECCENTRICITY], row[kernels.ECCENTRIC_PHASE] = (
+            math.radians(v or 0.0) for v in (self.eccentricity_deg, self.eccentricity_phase_deg)
+        )
 
 
 def fill_point(rig: Instrument, point: str, row: FloatArray) -> None:
     """Write an observation point and its guide into a kernels' row."""
     p = rig.point(point)
     tilt = p.swivel_tilt_deg or (0.0, 0.0)
-    row[ALPHA], row[BETA] = math.radians(p.guide_alpha_deg + tilt[0]), math.radians(p.guide_beta_deg + tilt[1])
-    a, b = float(row[ALPHA]), float(row[BETA])
-    row[BASE_XYZ], row[GUIDE_XYZ] = p.position_mm, (-math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a))
+    row[kernels.ALPHA], row[kernels.BETA] = math.radians(p.guide_alpha_deg + tilt[0]), math.radians(p.guide_beta_deg + tilt[1])
+    a, b = float(row[kernels.ALPHA]), float(row[kernels.BETA])
+    row[kernels.BASE_XYZ], row[kernels.GUIDE_XYZ] = p.position_mm, (-math.cos(a) * math.sin(b), -math.cos(a) * math.cos(b), math.sin(a))
 
 
 @register_table
@@ -119,10 +104,14 @@ class Inclination(AngleSensor):
 
     def fill(self, rig: Instrument, channel: SensorChannel, row: FloatArray) -> None:
         """Write the kernels' row: the way up for the fixed point, the axis for the tool point."""
-        row[KIND], row[COUNT_LENGTH], row[TURN_COUNTS] = INCLINATION, self.per_count, self.counts_per_revolution
-        row[ANGLE_ZERO] = math.radians(self.zero_value)
-        row[BASE_XYZ] = [v / math.hypot(*self.up) for v in self.up]
-        row[ATTACHMENT_XYZ] = [v / math.hypot(*self.axis) for v in self.axis]
+        row[kernels.KIND], row[kernels.COUNT_LENGTH], row[kernels.TURN_COUNTS] = (
+            kernels.INCLINATION,
+            self.per_count,
+            self.counts_per_revolution,
+        )
+        row[kernels.ANGLE_ZERO] = math.radians(self.zero_value)
+        row[kernels.BASE_XYZ] = [v / math.hypot(*self.up) for v in self.up]
+        row[kernels.ATTACHMENT_XYZ] = [v / math.hypot(*self.axis) for v in self.axis]
 
 
 @register_table
@@ -140,5 +129,9 @@ class Distance(LengthSensor):
 
     def fill(self, rig: Instrument, channel: SensorChannel, row: FloatArray) -> None:
         """Write the kernels' row."""
-        row[KIND], row[COUNT_LENGTH], row[TURN_COUNTS] = DISTANCE, self.per_count, self.counts_per_revolution
-        row[ANGLE_ZERO], row[BASE_XYZ], row[ATTACHMENT_XYZ] = self.zero_value, self.position_mm, rig.tool[self.to]
+        row[kernels.KIND], row[kernels.COUNT_LENGTH], row[kernels.TURN_COUNTS] = (
+            kernels.DISTANCE,
+            self.per_count,
+            self.counts_per_revolution,
+        )
+        row[kernels.ANGLE_ZERO], row[kernels.BASE_XYZ], row[kernels.ATTACHMENT_XYZ] = self.zero_value, self.position_mm, rig.tool[self.to]

@@ -6,7 +6,6 @@ from .cable_parameters import (
     further_solved as further_solved,
     length_gradients_since as length_gradients_since,
     solved_covariance as solved_covariance,
-    unsolved_columns as unsolved_columns,
     unsolved_dimensions as unsolved_dimensions,
     width_of as width_of,
 )
@@ -38,8 +37,11 @@ from .lengths import (
     channel_message as channel_message,
     count_variance as count_variance,
     counts_from_poses as counts_from_poses,
+    drawn_phases as drawn_phases,
     length_residuals as length_residuals,
+    length_variance as length_variance,
     lengths_from_counts as lengths_from_counts,
+    phase_columns as phase_columns,
     read_lengths as read_lengths,
     recorded_from_counts as recorded_from_counts,
     rounding_variance as rounding_variance,
@@ -47,6 +49,7 @@ from .lengths import (
     with_reasons as with_reasons,
     write_lengths as write_lengths,
     zero_temperature as zero_temperature,
+    zeroed_exactly as zeroed_exactly,
 )
 from .rejected_samples import ARM_MM as ARM_MM, Reason as Reason, rate_notes as rate_notes
 from .sensor_kind import AngleSensor as AngleSensor, LengthSensor as LengthSensor, SensorKind as SensorKind
@@ -60,9 +63,3 @@ from .stated_errors import (
     stated as stated,
 )
 from .wrap import arms as arms, drum_of as drum_of, guide as guide, span as span, span_rows as span_rows
-from .zero_phase import (
-    drawn_phases as drawn_phases,
-    length_variance as length_variance,
-    phase_columns as phase_columns,
-    zeroed_exactly as zeroed_exactly,
-)

@@ -6,23 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lmeasure import kernels
 from lmeasure.core import BoolArray, FloatArray, GeometryError
-from lmeasure.kernels import (
-    AXIAL,
-    CABLE_EXPANSION,
-    COMPLIANCE,
-    COUNT_LENGTH,
-    DRUM_EXPANSION,
-    EFFECT_COLUMNS,
-    FRAME_EXPANSION,
-    GUIDE_LENGTH,
-    TANGENT,
-    TENSION,
-    TENSION_RISE,
-    WEIGHT,
-    excesses,
-    span_lengths,
-)
 from lmeasure.rig import Cable, Drum, Rig
 from lmeasure.sensors.imperfect_parts import Parts, parts_of
 from lmeasure.text import message
@@ -30,7 +15,7 @@ from lmeasure.text import message
 GRAVITY = 9.80665  # standard gravity [m/s^2]; it differs by 0.3 % between equator and pole
 REFERENCE_C = 20.0  # ISO 1:2022
 
-_EXPANSIONS = [CABLE_EXPANSION, DRUM_EXPANSION, FRAME_EXPANSION]
+_EXPANSIONS = [kernels.CABLE_EXPANSION, kernels.DRUM_EXPANSION, kernels.FRAME_EXPANSION]
 
 
 @dataclass(frozen=True)
@@ -66,7 +51,7 @@ class Effects:
     @property
     def physical(self) -> bool:
         """Whether temperature, tension or weight has an effect."""
-        return bool(self.rows[:, [*_EXPANSIONS, COMPLIANCE, WEIGHT]].any())
+        return bool(self.rows[:, [*_EXPANSIONS, kernels.COMPLIANCE, kernels.WEIGHT]].any())
 
     @property
     def thermal(self) -> bool:
@@ -93,29 +78,17 @@ class Effects:
         bad = ~np.isfinite(out) & np.isfinite(poses[:, :1]) & np.isfinite(counts)
         if bad.any():
             i, j = (int(x) for x in np.argwhere(bad)[0])
-            raise GeometryError(
-                message("error.sample_cable_with_n", i=i, cables=self.cables[j], tension=self._tension(j, counts[i, j], cable_rows))
-            )
+            rise = self.rows[j, kernels.TENSION_RISE] * cable_rows[j, kernels.COUNT_LENGTH] * counts[i, j]
+            tension = float(self.rows[j, kernels.TENSION] + rise)
+            raise GeometryError(message("error.sample_cable_with_n", i=i, cables=self.cables[j], tension=tension))
         return out
-
-    def _tension(self, j: int, count: float, cable_rows: FloatArray) -> float:
-        return float(self.rows[j, TENSION] + self.rows[j, TENSION_RISE] * cable_rows[j, COUNT_LENGTH] * count)
 
     def _excess(
         self, rows: FloatArray, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, temperature_c: FloatArray
     ) -> FloatArray:
-        return np.asarray(
-            excesses(
-                cable_rows,
-                rows,
-                np.ascontiguousarray(zero.poses),
-                zero.counts,
-                np.ascontiguousarray(poses),
-                np.ascontiguousarray(counts),
-                zero.temperature_c - self.reference_c,
-                np.ascontiguousarray(temperature_c - self.reference_c),
-            )
-        )
+        warmer = zero.temperature_c - self.reference_c, temperature_c - self.reference_c
+        given = (np.ascontiguousarray(values) for values in (zero.poses, zero.counts, poses, counts, *warmer))
+        return np.asarray(kernels.excesses(cable_rows, rows, *given))
 
     def property_shifts(
         self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, *, temperature_c: FloatArray
@@ -142,21 +115,21 @@ class Effects:
     def tension_shift(self, cable_rows: FloatArray, poses: FloatArray) -> FloatArray | None:
         """(n, m) how much longer each free cable is when its tension is one standard uncertainty more than the drum's law says; it is
         another error at each cable and, as friction turns with the direction of travel, at each stop."""
-        per_mm = self.u_tension_change_n * self.rows[:, COMPLIANCE]
+        per_mm = self.u_tension_change_n * self.rows[:, kernels.COMPLIANCE]
         if not per_mm.any():
             return None
-        to_pulley = np.hypot(cable_rows[:, TANGENT], cable_rows[:, AXIAL]) + self.rows[:, GUIDE_LENGTH]
-        return np.asarray((span_lengths(cable_rows, np.ascontiguousarray(poses)) + to_pulley) * per_mm)
+        to_pulley = np.hypot(cable_rows[:, kernels.TANGENT], cable_rows[:, kernels.AXIAL]) + self.rows[:, kernels.GUIDE_LENGTH]
+        return np.asarray((kernels.span_lengths(cable_rows, np.ascontiguousarray(poses)) + to_pulley) * per_mm)
 
 
 def effects_of(rig: Rig, cables: tuple[Cable, ...] | None = None, *, with_parts: bool = True) -> Effects | None:
     """The effects that a rig's keys state for the given cables, default all, those of parts left out if asked; None when it states none."""
     chosen = rig.cable if cables is None else cables
     drums = [rig.point(c.from_point).drum for c in chosen]
-    rows = np.array([_row(drum, rig) for drum in drums]).reshape(len(chosen), EFFECT_COLUMNS)
-    rows[:, TENSION] += rows[:, TENSION_RISE] * rig.paid_out(chosen) * [drum.count_length_mm for drum in drums]
+    rows = np.array([_row(drum, rig) for drum in drums]).reshape(len(chosen), kernels.EFFECT_COLUMNS)
+    rows[:, kernels.TENSION] += rows[:, kernels.TENSION_RISE] * rig.paid_out(chosen) * [drum.count_length_mm for drum in drums]
     parts = parts_of(rig, chosen) if with_parts else None
-    if not (rows[:, [*_EXPANSIONS, COMPLIANCE, WEIGHT]] != 0.0).any() and parts is None:
+    if not (rows[:, [*_EXPANSIONS, kernels.COMPLIANCE, kernels.WEIGHT]] != 0.0).any() and parts is None:
         return None
     reference = REFERENCE_C if rig.reference_temperature_c is None else rig.reference_temperature_c
     change = np.array([drum.u_cable_tension_change_n or 0.0 for drum in drums])
@@ -168,7 +141,7 @@ def effects_of(rig: Rig, cables: tuple[Cable, ...] | None = None, *, with_parts:
     if rig.frame_expansion_per_k is not None and rig.u_frame_expansion_per_k:
         every, u = np.ones(len(chosen), dtype=bool), rig.u_frame_expansion_per_k
         value = rig.frame_expansion_per_k
-        moved.append((_with(rows, every, FRAME_EXPANSION, value + u), _with(rows, every, FRAME_EXPANSION, value - u)))
+        moved.append((_with(rows, every, kernels.FRAME_EXPANSION, value + u), _with(rows, every, kernels.FRAME_EXPANSION, value - u)))
     return Effects(rows, tuple(c.name for c in chosen), reference, tuple(moved), rig.u_temperature_k or 0.0, change, parts)
 
 
@@ -190,17 +163,17 @@ def _ranges(drum: Drum) -> Iterator[tuple[int, float, float]]:
     """(column, value less u, value plus u) of what is uncertain."""
     if drum.cable_expansion_per_k is not None and drum.u_cable_expansion_per_k:
         u = drum.u_cable_expansion_per_k
-        yield CABLE_EXPANSION, drum.cable_expansion_per_k - u, drum.cable_expansion_per_k + u
+        yield kernels.CABLE_EXPANSION, drum.cable_expansion_per_k - u, drum.cable_expansion_per_k + u
     if drum.cable_stiffness_n is not None and drum.u_cable_stiffness_n:
         # linear in 1/EA
         u = drum.u_cable_stiffness_n / drum.cable_stiffness_n**2
-        yield COMPLIANCE, 1.0 / drum.cable_stiffness_n - u, 1.0 / drum.cable_stiffness_n + u
+        yield kernels.COMPLIANCE, 1.0 / drum.cable_stiffness_n - u, 1.0 / drum.cable_stiffness_n + u
     if drum.cable_mass_kg_per_m is not None and drum.u_cable_mass_kg_per_m:
         value, u = drum.cable_mass_kg_per_m * GRAVITY / 1000.0, drum.u_cable_mass_kg_per_m * GRAVITY / 1000.0
-        yield WEIGHT, value - u, value + u
+        yield kernels.WEIGHT, value - u, value + u
     if drum.cable_tension_n is not None and drum.u_cable_tension_n:
         u = drum.u_cable_tension_n
-        yield TENSION, drum.cable_tension_n - u, drum.cable_tension_n + u
+        yield kernels.TENSION, drum.cable_tension_n - u, drum.cable_tension_n + u
 
 
 def _with(rows: FloatArray, which: BoolArray, column: int, value: float) -> FloatArray:

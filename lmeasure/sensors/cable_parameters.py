@@ -45,15 +45,15 @@ def cable_covariance(
     rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...] | None = None, *, wide: bool = False
 ) -> FloatArray:
     """(13 m, 13 m) covariance of the cables' parameters, mm and rad, in the kernels' order: of the record, and of dimensions that the rig
-    states to be uncertain (`unsolved_columns`); zero where there is neither. wide: as `channel_names` has it, 20 for each."""
-    rest, columns = solved_covariance(rig, record, cables, wide=wide), unsolved_columns(rig, record, cables, wide=wide)
+    states to be uncertain (`unsolved_dimensions`); zero where there is neither. wide: as `channel_names` has it, 20 for each."""
+    rest, columns = solved_covariance(rig, record, cables, wide=wide), unsolved_dimensions(rig, record, cables, wide=wide)[0]
     return rest + columns @ columns.T if columns.shape[1] else rest
 
 
 def solved_covariance(
     rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...] | None = None, *, wide: bool = False
 ) -> FloatArray:
-    """(13 m, 13 m) covariance of the cables' parameters by what the calibration solved, without what they have from `unsolved_columns`."""
+    """(13 m, 13 m) covariance of the cables' parameters by what the calibration solved, less what is of `unsolved_dimensions`."""
     m = len(rig.cable if cables is None else cables)
     if record is None:
         return np.zeros((m * width_of(wide=wide),) * 2)
@@ -63,13 +63,6 @@ def solved_covariance(
         return covariance
     followed = record.dimension_columns(names)[1]
     return np.asarray(covariance - followed @ followed.T)
-
-
-def unsolved_columns(
-    rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...] | None = None, *, wide: bool = False
-) -> FloatArray:
-    """(13 m, s) the errors of `unsolved_dimensions`."""
-    return unsolved_dimensions(rig, record, cables, wide=wide)[0]
 
 
 def unsolved_dimensions(

@@ -122,12 +122,8 @@ class Channels(Shown):
         """Return a row for each channel."""
         shown: dict[str, Any] = {"channel": self.names, "kind": self.kinds, "column": self.columns, "pass": self.passage}
         unit = np.where(self.angular, np.degrees(1.0), 1.0)
-        shown |= {
-            "unit": np.where(self.angular, "deg", "mm"),
-            "per_count": self.per_count * unit,
-            "u_reading": np.sqrt(self.variance) * unit,
-        }
-        return framed(shown | {"absolute": self.absolute, "zeroing": self.zeroing})
+        shown |= {"unit": np.where(self.angular, "deg", "mm"), "per_count": self.per_count * unit}
+        return framed(shown | {"u_reading": np.sqrt(self.variance) * unit, "absolute": self.absolute, "zeroing": self.zeroing})
 
     def __str__(self) -> str:
         return str(self.to_frame().to_string(index=False))

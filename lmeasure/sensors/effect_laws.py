@@ -131,5 +131,4 @@ OTHERS = (RUN_OUT, ECCENTRICITY, BACKLASH, FRICTION, OFFSET, OVERSIZE)
 """What depends on how drum and pulley stand and which way they turned, and what only a rig that states it has."""
 EFFECTS = (COUNT_LENGTH, PITCH, RUN_OUT, ECCENTRICITY, ATTACHMENT, BACKLASH, FRICTION, OFFSET)
 """What has a typical size where nobody states it."""
-STATED = (*EFFECTS, OVERSIZE)
-"""What a rig may state to be uncertain."""
+STATED = (*EFFECTS, OVERSIZE)  # What a rig may state to be uncertain

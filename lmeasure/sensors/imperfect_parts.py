@@ -28,34 +28,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lmeasure import kernels
 from lmeasure.core import BoolArray, FloatArray, se3
-from lmeasure.kernels import (
-    ALPHA,
-    BASE_XYZ,
-    BETA,
-    BY_ALPHA,
-    BY_ATTACHMENT,
-    BY_AXIAL,
-    BY_BASE,
-    BY_BETA,
-    BY_PITCH,
-    BY_RADIUS,
-    BY_SCALE,
-    BY_TANGENT,
-    GUIDE_XYZ,
-    RADIUS,
-    TRAVEL,
-    TURN_COUNTS,
-    WIDTH,
-    length_gradients,
-    span_rows,
-)
 from lmeasure.rig import FURTHER, PHASED, Cable, Rig, further_names, value_of
 from lmeasure.sensors.effect_laws import thicker
 from lmeasure.sensors.wrap import arms, by_guide, drum_of, guide, span
 
 PART_RUN_OUT, PART_ECCENTRICITY, OFFSET, OVERSIZE, PLAY = slice(0, 2), slice(2, 4), 4, 5, 6
 """Where each stands among `FURTHER`."""
+Zeroed = tuple[FloatArray, FloatArray]  # Poses (m, 7) at which counting began, and the counts (m,) there
 
 
 class Added(NamedTuple):
@@ -81,23 +62,15 @@ class Parts:
     scales: FloatArray
     pulleys: bool = True
 
-    def excess(self, rows: FloatArray, zero: tuple[FloatArray, FloatArray], poses: FloatArray, counts: FloatArray) -> FloatArray:
-        """(n, m) what they add to modelled less measured changes [mm], for the kernels' rows (m, columns), at (n, 7) poses and true
-        counts (n, m) that are free of play, zeroed at poses (m, 7) with counts (m,). NaN where pose or count is NaN, or a cable cannot
-        run."""
+    def excess(self, rows: FloatArray, zero: Zeroed, poses: FloatArray, counts: FloatArray) -> FloatArray:
+        """(n, m) what they add to modelled less measured changes [mm], for the kernels' rows (m, columns), at (n, 7) poses and true counts
+        (n, m) that are free of play, zeroed at poses (m, 7) with counts (m,). NaN where pose or count is NaN, or a cable cannot run."""
         known: BoolArray = np.isfinite(poses[:, 0])
         there, begun = self.added(rows, zero, poses[known], counts[known], travel=np.zeros(counts[known].shape))
         return _where(known, there.mm - begun.mm)
 
     def gradient(
-        self,
-        rows: FloatArray,
-        zero: tuple[FloatArray, FloatArray],
-        poses: FloatArray,
-        counts: FloatArray,
-        *,
-        travel: FloatArray | None = None,
-        since: bool = True,
+        self, rows: FloatArray, zero: Zeroed, poses: FloatArray, counts: FloatArray, *, travel: FloatArray | None = None, since: bool = True
     ) -> FloatArray:
         """(n, m, 7) derivatives of `excess` by the values, NaN where the pose is; travel (n, m): signs of the last travel; since: as
         there, less those where counting began."""
@@ -106,30 +79,28 @@ class Parts:
         there, begun = self.added(rows, zero, poses[known], counts[known], travel=travel[known])
         return _where(known, there.by_values - begun.by_values if since else there.by_values)
 
-    def added(
-        self, rows: FloatArray, zero: tuple[FloatArray, FloatArray], poses: FloatArray, counts: FloatArray, *, travel: FloatArray
-    ) -> tuple[Added, Added]:
+    def added(self, rows: FloatArray, zero: Zeroed, poses: FloatArray, counts: FloatArray, *, travel: FloatArray) -> tuple[Added, Added]:
         """What they add at (n, 7) poses, with counts (n, m) that have the play of travel (n, m), and (1, m) where counting began."""
-        way = poses[:, None, :3] + arms(rows, poses) - rows[:, BASE_XYZ]
+        way = poses[:, None, :3] + arms(rows, poses) - rows[:, kernels.BASE_XYZ]
         begun, passed = self._begun(rows, zero)
         k0 = zero[1][None]
         return self._at(rows, way, counts, travel, passed), self._at(rows, begun, k0, np.zeros(k0.shape), passed)
 
-    def _begun(self, rows: FloatArray, zero: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    def _begun(self, rows: FloatArray, zero: Zeroed) -> tuple[FloatArray, FloatArray]:
         """Return the way from B to P where counting began, (1, m, 3), and D(k) there less the cable passed since phase 0, (1, m) [mm]."""
-        begun = (zero[0][:, :3] + np.einsum("mmi->mi", arms(rows, zero[0])) - rows[:, BASE_XYZ])[None]
-        plain = span(begun, rows[:, GUIDE_XYZ], rows[:, RADIUS])
+        begun = (zero[0][:, :3] + np.einsum("mmi->mi", arms(rows, zero[0])) - rows[:, kernels.BASE_XYZ])[None]
+        plain = span(begun, rows[:, kernels.GUIDE_XYZ], rows[:, kernels.RADIUS])
         since = np.where(np.isnan(self.phase_mm), 0.0, plain.length - self.phase_mm)
         return begun, drum_of(rows.T).paid_out(zero[1][None]) - since
 
     def _at(self, rows: FloatArray, way: FloatArray, k: FloatArray, s: FloatArray, at_phase: FloatArray) -> Added:
         a, b, x1, x2, offset, over, play = self.values.T
-        drum, turn, R, u = drum_of(rows.T), rows[:, TURN_COUNTS], rows[:, RADIUS], rows[:, GUIDE_XYZ]
+        drum, turn, R, u = drum_of(rows.T), rows[:, kernels.TURN_COUNTS], rows[:, kernels.RADIUS], rows[:, kernels.GUIDE_XYZ]
         w = play / self.scales
         slope = drum.slope(k)
         theta = 2.0 * np.pi * (k - drum.counts(at_phase)) / turn
         c, sine = np.cos(theta), np.sin(theta)
-        longer, by_over = thicker(drum.count_mm * turn, rows[:, TRAVEL] * turn, over)
+        longer, by_over = thicker(drum.count_mm * turn, rows[:, kernels.TRAVEL] * turn, over)
         mm = -a * c - b * sine - k * longer / turn - s * w * slope
         by = np.stack([-c, -sine, *np.zeros((3, *k.shape)), -k * by_over / turn, -s * slope / self.scales], axis=2)
         by_theta = a * sine - b * c
@@ -154,41 +125,35 @@ class Parts:
         by_way = (moved.cosine - plain.cosine)[:, :, None] * u + (moved.sine - plain.sine)[:, :, None] * n
         by_radius = moved.angle - moved.sine - plain.angle + plain.sine - by_psi * psi / safe
         of_pulley = moved.length + along - plain.length
-        return Added(
-            mm + np.where(wrapped, of_pulley, 0.0),
-            by,
-            np.where(wrapped[:, None], by_way, 0.0),
-            np.where(wrapped, by_radius, 0.0),
-            np.where(wrapped, by_psi, 0.0),
-            by_theta,
-        )
+        of_pulley, by_radius, by_psi = (np.where(wrapped, values, 0.0) for values in (of_pulley, by_radius, by_psi))
+        return Added(mm + of_pulley, by, np.where(wrapped[:, None], by_way, 0.0), by_radius, by_psi, by_theta)
 
     def by_parameters(
-        self, rows: FloatArray, zero: tuple[FloatArray, FloatArray], poses: FloatArray, counts: FloatArray, *, travel: FloatArray
+        self, rows: FloatArray, zero: Zeroed, poses: FloatArray, counts: FloatArray, *, travel: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Derivatives of `excess`, with the play of travel (n, m): (n, m, 7) by the values, (n, m, 13) by the kernels' parameters, and
         (2, n, m, 6) by small motions (omega; v) of the pose and of where counting began, base axes."""
         there, begun = self.added(rows, zero, poses, counts, travel=travel)
         scales, m = self.scales, len(rows)
         at = np.arange(m)
-        g = length_gradients(rows, np.ascontiguousarray(poses), counts, scales)
-        g0 = length_gradients(rows, np.ascontiguousarray(zero[0]), np.tile(zero[1], (m, 1)), scales)[at, at][None]
-        R, turn, drum = rows[:, RADIUS], rows[:, TURN_COUNTS], drum_of(rows.T)
+        g = kernels.length_gradients(rows, np.ascontiguousarray(poses), counts, scales)
+        g0 = kernels.length_gradients(rows, np.ascontiguousarray(zero[0]), np.tile(zero[1], (m, 1)), scales)[at, at][None]
+        R, turn, drum = rows[:, kernels.RADIUS], rows[:, kernels.TURN_COUNTS], drum_of(rows.T)
         stated = np.isfinite(self.phase_mm)[:, None]
         phase = drum.counts(self._begun(rows, zero)[1])[0]
         per_mm = 2.0 * np.pi / (drum.slope(phase) * turn)
-        of_drum = np.isin(np.arange(WIDTH), [BY_SCALE, BY_TANGENT, BY_AXIAL, BY_PITCH])
+        of_drum = np.isin(np.arange(kernels.WIDTH), [kernels.BY_SCALE, kernels.BY_TANGENT, kernels.BY_AXIAL, kernels.BY_PITCH])
         # what has passed since: D(k) - D(k0) + F0 - L, and f = F - D
         begun_by = np.where(stated & ~of_drum, g0, 0.0)
-        at_phase = length_gradients(rows, np.ascontiguousarray(zero[0]), np.tile(phase, (m, 1)), scales)[at, at][None]
+        at_phase = kernels.length_gradients(rows, np.ascontiguousarray(zero[0]), np.tile(phase, (m, 1)), scales)[at, at][None]
         radius = np.where(R > 0.0, R, 1.0)
 
         def by_kernels(side: Added, at: FloatArray, k: FloatArray, by: FloatArray, *, of_start: bool) -> FloatArray:
             passed = np.where(of_drum, g0 - by, 0.0) + begun_by
             turned = np.repeat(np.where(of_drum, g0 - at_phase, begun_by) * per_mm[:, None], len(k), axis=0)
-            turned[:, :, BY_SCALE] = per_mm * g0[:, :, BY_SCALE] - 2.0 * np.pi * k / (turn * scales)
+            turned[:, :, kernels.BY_SCALE] = per_mm * g0[:, :, kernels.BY_SCALE] - 2.0 * np.pi * k / (turn * scales)
             own = side.by_theta[:, :, None] * turned + (side.by_psi / radius)[:, :, None] * passed
-            own[:, :, BY_RADIUS] += side.by_radius
+            own[:, :, kernels.BY_RADIUS] += side.by_radius
             return own + self._of_lengths(rows, at, side, k, of_start=of_start)
 
         of_kernels = by_kernels(there, poses, counts, g, of_start=False) - by_kernels(begun, zero[0], zero[1][None], g0, of_start=True)
@@ -196,7 +161,7 @@ class Parts:
         moved = [np.concatenate([np.cross(way, side.by_way), side.by_way], axis=2) for way, side in ((arm[0], there), (arm[1], begun))]
         # the phase follows what is out where counting began
         rate = np.where(np.isfinite(self.phase_mm), 1.0, 0.0)
-        shift = np.array([span_rows(rows[j : j + 1], pose)[0] for j, pose in enumerate(zero[0])])
+        shift = np.array([kernels.span_rows(rows[j : j + 1], pose)[0] for j, pose in enumerate(zero[0])])
         by_begun = rate * (there.by_theta - begun.by_theta) * per_mm
         by_begun = by_begun + rate * (there.by_psi - begun.by_psi) / radius
         return there.by_values - begun.by_values, of_kernels, np.stack([moved[0], by_begun[:, :, None] * shift - moved[1]])
@@ -204,21 +169,22 @@ class Parts:
     def _of_lengths(self, rows: FloatArray, poses: FloatArray, side: Added, k: FloatArray, *, of_start: bool) -> FloatArray:
         """(n, m, 13) derivatives at fixed angles of drum and pulley, but by the radius."""
         n, m = side.mm.shape
-        out = np.zeros((n, m, WIDTH))
+        out = np.zeros((n, m, kernels.WIDTH))
         arm, turns = arms(rows, poses), se3.matrices(poses)
         arm, turns = (np.einsum("mmi->mi", arm)[None], turns[None]) if of_start else (arm, np.broadcast_to(turns[:, None], (n, m, 3, 3)))
         at = np.broadcast_to(poses[:, :3][None] if of_start else poses[:, None, :3], arm.shape)
-        way = at + arm - rows[:, BASE_XYZ]
-        out[:, :, BY_BASE : BY_BASE + 3] = -side.by_way
+        way = at + arm - rows[:, kernels.BASE_XYZ]
+        out[:, :, kernels.BY_BASE : kernels.BY_BASE + 3] = -side.by_way
         for j, row in enumerate(rows):
-            out[:, j, BY_ALPHA : BY_BETA + 1] = by_guide(guide(row[ALPHA], row[BETA]), way[:, j], side.by_way[:, j])
-        out[:, :, BY_ATTACHMENT : BY_ATTACHMENT + 3] = np.einsum("nmji,nmj->nmi", turns, side.by_way)
-        over, drum, turn = self.values[:, OVERSIZE], drum_of(rows.T), rows[:, TURN_COUNTS]
-        pitch = rows[:, TRAVEL] * turn
+            frame = guide(row[kernels.ALPHA], row[kernels.BETA])
+            out[:, j, kernels.BY_ALPHA : kernels.BY_BETA + 1] = by_guide(frame, way[:, j], side.by_way[:, j])
+        out[:, :, kernels.BY_ATTACHMENT : kernels.BY_ATTACHMENT + 3] = np.einsum("nmji,nmj->nmi", turns, side.by_way)
+        over, drum, turn = self.values[:, OVERSIZE], drum_of(rows.T), rows[:, kernels.TURN_COUNTS]
+        pitch = rows[:, kernels.TRAVEL] * turn
         longer, _ = thicker(drum.count_mm * turn, pitch, over)
         r = np.sqrt((drum.count_mm * turn) ** 2 - pitch**2) / (2.0 * np.pi)
-        out[:, :, BY_SCALE] = k * longer / turn / self.scales
-        out[:, :, BY_PITCH] = k / turn * pitch * over / (2.0 * r * (drum.count_mm * turn + longer))
+        out[:, :, kernels.BY_SCALE] = k * longer / turn / self.scales
+        out[:, :, kernels.BY_PITCH] = k / turn * pitch * over / (2.0 * r * (drum.count_mm * turn + longer))
         return out
 
 
@@ -237,12 +203,10 @@ def parts_of(rig: Rig, cables: tuple[Cable, ...] | None = None) -> Parts | None:
 
 def every_part(rig: Rig, cables: tuple[Cable, ...]) -> Parts:
     """The same, where there is none too."""
-    values = np.array([[value_of(rig, name) or 0.0 for name in own] for own in further_names(rig, cables)]).reshape(
-        len(cables), len(FURTHER)
-    )
+    values = np.array([[value_of(rig, name) or 0.0 for name in own] for own in further_names(rig, cables)])
     points = [rig.point(c.from_point) for c in cables]
     phase = np.array([np.nan if p.phase_length_mm is None else p.phase_length_mm for p in points])
-    return Parts(values, phase, np.array([p.drum.scale for p in points]))
+    return Parts(values.reshape(len(cables), len(FURTHER)), phase, np.array([p.drum.scale for p in points]))
 
 
 def phased(rig: Rig, names: tuple[str, ...], poses: FloatArray, cables: tuple[Cable, ...]) -> Rig:
@@ -252,7 +216,7 @@ def phased(rig: Rig, names: tuple[str, ...], poses: FloatArray, cables: tuple[Ca
     lengths: dict[str, float] = {}
     for row, pose, c in zip(rig.cable_rows(cables), poses, cables, strict=True):
         if c.from_point in asked and rig.point(c.from_point).phase_length_mm is None and c.from_point not in lengths:
-            way = pose[:3] + arms(row[None], pose[None])[0, 0] - row[BASE_XYZ]
+            way = pose[:3] + arms(row[None], pose[None])[0, 0] - row[kernels.BASE_XYZ]
             lengths[c.from_point] = float(np.rint(np.linalg.norm(way)))
     points = tuple(p.model_copy(update={"phase_length_mm": lengths[p.name]}) if p.name in lengths else p for p in rig.observation_point)
     return rig.model_copy(update={"observation_point": points}) if lengths else rig

@@ -1,4 +1,9 @@
-"""Changes of the free cables, from recorded counts: signs, wraps and drums undone, passes brought to one time base."""
+"""Changes of the free cables, from recorded counts: signs, wraps and drums undone, passes brought to one time base.
+
+An incremental counter that is set to zero shows 0 wherever within a count it stands: recorded = round(count_sign * scale * k + phase), the
+phase uniform within half a recorded count. It is one draw for all rows until the counter is zeroed again (`Rig.zeroings`); a drum may state
+that its zero is exact.
+"""
 
 import json
 from dataclasses import dataclass, replace
@@ -8,27 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from lmeasure.core import (
-    WORDS,
-    DataFrame,
-    FileFormatError,
-    FloatArray,
-    GeometryError,
-    IntArray,
-    OtherTimes,
-    Shown,
-    Status,
-    TextArray,
-    framed,
-    words,
-)
+from lmeasure import core, kernels
+from lmeasure.core import BoolArray, DataFrame, FloatArray, IntArray, Shown, Status, TextArray
 from lmeasure.io import files
-from lmeasure.kernels import (
-    STATE,
-    changes_from_counts as cable_kernels_changes_from_counts,
-    counts_from_changes,
-    span_lengths as cable_kernels_span_lengths,
-)
 from lmeasure.recording import Run, unwrap
 from lmeasure.rig import Drum, Observed, Rig, SensorTable, cables_among
 from lmeasure.sensors.cable_effects import effects_of, zero_at
@@ -36,10 +23,8 @@ from lmeasure.sensors.rejected_samples import Reasons, on_time_base, other_times
 from lmeasure.sensors.stated_errors import last_travel
 from lmeasure.text import Message, message, of_file, table as table_of
 
-POSE = 7
-"""Numbers of a pose."""
-NEARLY_UNIT = 1e-3
-"""By how much a quaternion's length may be off: it is made a unit by who reads poses, and rounded by who writes them."""
+POSE = 7  # Numbers of a pose
+NEARLY_UNIT = 1e-3  # By how much a quaternion's length may be off: it is made a unit by who reads poses, and rounded by who writes them
 MAX_ROUNDS = 30  # of fixed points whose contraction is a strain
 
 
@@ -95,7 +80,7 @@ class Lengths(Shown):
 
     def to_frame(self) -> DataFrame:
         """The columns of a lengths file."""
-        return framed(self.columns())
+        return core.framed(self.columns())
 
     @property
     def lengths(self) -> int:
@@ -106,24 +91,11 @@ class Lengths(Shown):
         """The same of the cables alone."""
         if not self.encoders:
             return self
-
-        def some(values: FloatArray | None) -> FloatArray | None:
-            return None if values is None else values[:, : self.lengths]
-
-        return replace(
-            self,
-            cables=self.cables[: self.lengths],
-            change_mm=self.change_mm[:, : self.lengths],
-            counts=self.counts[:, : self.lengths],
-            u_time_s=some(self.u_time_s),
-            temperature_c=some(self.temperature_c),
-            gone_on=some(self.gone_on),
-            missed_mm=some(self.missed_mm),
-            frames=None if self.frames is None else (self.frames[0][:, : self.lengths], self.frames[1][:, : self.lengths]),
-            reasons=self.reasons[: self.lengths],
-            encoders=0,
-            angles=self.angles[: self.lengths],
-        )
+        m, names = self.lengths, ("change_mm", "counts", "u_time_s", "temperature_c", "gone_on", "missed_mm")
+        some: dict[str, Any] = {name: values[:, :m] for name in names if (values := getattr(self, name)) is not None}
+        some |= {"cables": self.cables[:m], "reasons": self.reasons[:m], "angles": self.angles[:m]}
+        frames = None if self.frames is None else (self.frames[0][:, :m], self.frames[1][:, :m])
+        return replace(self, **some, frames=frames, encoders=0)
 
     @property
     def u_mm(self) -> FloatArray | None:
@@ -147,7 +119,7 @@ class Lengths(Shown):
         angles = self.angles or tuple(i >= self.lengths for i in range(len(self.cables)))
         out |= {f"{name}_{'rad' if angles[i] else 'mm'}": self.change_mm[:, i] for i, name in enumerate(self.cables)}
         out |= {f"{name}_count": self.counts[:, i] for i, name in enumerate(self.cables)}
-        return out | {"status": words(self.flags), "cause": self.cause, "cable": self.cable}
+        return out | {"status": core.words(self.flags), "cause": self.cause, "cable": self.cable}
 
 
 def write_lengths(path: Path, lengths: Lengths) -> None:
@@ -195,18 +167,12 @@ def read_lengths(path: Path) -> Lengths:
     columns = [c for c in table.columns if c.endswith(("_mm", "_rad"))]
     names = tuple(c.rsplit("_", 1)[0] for c in columns)
     if not names:
-        raise FileFormatError(message("error.has_no_column_cable", where=path))
-    return Lengths(
-        table.numbers("time_s"),
-        names,
-        table.matrix(columns, gaps=True),
-        table.matrix([f"{n}_count" for n in names], gaps=True),
-        table.choices("status", WORDS),
-        of_file(table.labels("cause"), json.loads(table.kept("messages") or "[]")),
-        table.labels("cable"),
-        encoders=sum(c.endswith("_rad") for c in columns),
-        angles=tuple(c.endswith("_rad") for c in columns),
-    )
+        raise core.FileFormatError(message("error.has_no_column_cable", where=path))
+    angles = tuple(c.endswith("_rad") for c in columns)
+    time_s, change_mm = table.numbers("time_s"), table.matrix(columns, gaps=True)
+    counts, flags = table.matrix([f"{n}_count" for n in names], gaps=True), table.choices("status", core.WORDS)
+    cause = of_file(table.labels("cause"), json.loads(table.kept("messages") or "[]"))
+    return Lengths(time_s, names, change_mm, counts, flags, cause, table.labels("cable"), encoders=sum(angles), angles=angles)
 
 
 def span_lengths(rig: Rig, rows: FloatArray, cables: tuple[Observed, ...] | None = None) -> FloatArray:
@@ -239,23 +205,22 @@ def span_lengths(rig: Rig, rows: FloatArray, cables: tuple[Observed, ...] | None
     rows = np.ascontiguousarray(rows, dtype=np.float64)
     if rows.ndim != 2 or rows.shape[1] != POSE:
         # a kernel would read on behind the end of a row
-        raise GeometryError(message("error.poses_of_shape_wanted_are", shape=str(rows.shape), pose=POSE))
+        raise core.GeometryError(message("error.poses_of_shape_wanted_are", shape=str(rows.shape), pose=POSE))
     off = np.flatnonzero(np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1.0) > NEARLY_UNIT)
     if len(off):
         i = int(off[0])
-        raise GeometryError(message("error.pose_its_quaternion_is", i=i + 1, norm=np.linalg.norm(rows[i, 3:])))
+        raise core.GeometryError(message("error.pose_its_quaternion_is", i=i + 1, norm=np.linalg.norm(rows[i, 3:])))
     chosen = rig.cable if cables is None else cables
-    out = cable_kernels_span_lengths(rig.cable_rows(chosen), rows)
+    out = kernels.span_lengths(rig.cable_rows(chosen), rows)
     bad = np.argwhere(~np.isfinite(out))
     if len(bad):
         i, j = (int(x) for x in bad[0])
         if not chosen[j].is_cable and chosen[j].kind not in ("swivel", "inclination"):
-            raise GeometryError(message("error.pose_has_no_reading", i=i + 1, kind=chosen[j].kind, name=chosen[j].name))
+            raise core.GeometryError(message("error.pose_has_no_reading", i=i + 1, kind=chosen[j].kind, name=chosen[j].name))
         if not chosen[j].from_point:
-            raise GeometryError(message("error.pose_inclination_its_axis", i=i + 1, name=chosen[j].name))
-        raise GeometryError(
-            message("error.pose_cable_lies_on", i=i + 1, name=chosen[j].name, to_point=chosen[j].to_point, from_point=chosen[j].from_point)
-        )
+            raise core.GeometryError(message("error.pose_inclination_its_axis", i=i + 1, name=chosen[j].name))
+        ends = {"to_point": chosen[j].to_point, "from_point": chosen[j].from_point}
+        raise core.GeometryError(message("error.pose_cable_lies_on", i=i + 1, name=chosen[j].name, **ends))
     return np.asarray(out)
 
 
@@ -281,7 +246,7 @@ def counts_from_poses(
     angles = [not c.is_length for c in chosen]
     # readings of angles go on along the motion, beyond half a turn too
     every[:, angles] = np.unwrap(every[:, angles], axis=0)
-    all_counts = np.asarray(counts_from_changes(channel_rows, every[1:] - np.where(absolute, 0.0, every[0])))
+    all_counts = np.asarray(kernels.counts_from_changes(channel_rows, every[1:] - np.where(absolute, 0.0, every[0])))
     cables = cables_among(chosen)
     effects = effects_of(rig, cables)
     if effects is None:
@@ -293,9 +258,8 @@ def counts_from_poses(
     # the excess hardly depends on the count: each round gains three digits or more
     for _ in range(MAX_ROUNDS):
         before = counts
-        counts = np.asarray(
-            counts_from_changes(cable_rows, changes + effects.checked_excess(cable_rows, start, rows, counts, temperature_c=warm))
-        )
+        excess = effects.checked_excess(cable_rows, start, rows, counts, temperature_c=warm)
+        counts = np.asarray(kernels.counts_from_changes(cable_rows, changes + excess))
         if not np.abs(counts - before).max(initial=0.0) > 1e-9:
             break
     return np.column_stack([counts, all_counts[:, m:]])
@@ -305,7 +269,7 @@ def recorded_from_counts(
     rig: Rig, counts: FloatArray, cables: tuple[Observed, ...] | None = None, phase: FloatArray | None = None
 ) -> FloatArray:
     """(n, m) counts as the encoders record them: whole, with sign and scale, wrapped to signed counters of the stated width; phase (m,) as
-    `sensors.zero_phase.drawn_phases` has it, zero by default."""
+    `sensors.lengths.drawn_phases` has it, zero by default."""
     chosen = rig.cable if cables is None else cables
     within = np.zeros(len(chosen)) if phase is None else phase
     out = np.empty_like(counts)
@@ -323,7 +287,7 @@ def recorded_from_counts(
 
 def changes_from_counts(rig: Rig, counts: FloatArray, cables: tuple[Observed, ...] | None = None) -> FloatArray:
     """(n, m) changes of the free cables [mm] from (n, m) true counts, of encoders of angles [rad]."""
-    return np.asarray(cable_kernels_changes_from_counts(rig.cable_rows(cables), np.ascontiguousarray(counts)))
+    return np.asarray(kernels.changes_from_counts(rig.cable_rows(cables), np.ascontiguousarray(counts)))
 
 
 def rounding_variance(rig: Rig, cables: tuple[Observed, ...] | None = None) -> FloatArray:
@@ -356,8 +320,7 @@ def _lag(drum: Drum, counts: FloatArray, state: FloatArray | None) -> FloatArray
     return np.asarray(drum.backlash_counts / drum.scale * last_travel(counts[:, None], np.full(1, 1.0 / drum.scale), state)[:, 0])
 
 
-COUNTER_STATE = STATE + 2
-"""Of a counter from one piece of a run to the next: as the kernel has it, and which way it turned last."""
+COUNTER_STATE = kernels.STATE + 2  # Of a counter from one piece of a run to the next: as the kernel has it, and which way it turned last
 
 
 def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths:
@@ -393,7 +356,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
     notes: list[Message] = []
     believed: dict[str, dict[str, tuple[Drum | SensorTable, float]]] = {p.source: {} for p in run.passes}
     missed_mm = np.zeros((n, m))
-    others: dict[tuple[int, int], OtherTimes | None] = {}
+    others: dict[tuple[int, int], core.OtherTimes | None] = {}
     frames = np.full((n, m), np.nan), np.full((n, m), np.nan)
     skewed = any(p.u_time_s is not None for p in run.passes)
     u_time = np.zeros((n, m)) if skewed else None
@@ -405,7 +368,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
         column = counts.channels.index(c.channel) if c.channel in counts.channels else 0
         at_s = counts.time_s if counts.stamp_s is None or counts.frames is not None else np.ascontiguousarray(counts.stamp_s[:, column])
         # an absolute sensor without codes does not wrap
-        fresh = np.zeros(STATE) if state is None and drum.absolute and drum.codes is None else state
+        fresh = np.zeros(kernels.STATE) if state is None and drum.absolute and drum.codes is None else state
         counter = unwrap(
             counts.of(c.channel), at_s, max_rate=drum.rate, bits=drum.counter_bits, stated=drum.rate_stated, state=fresh, codes=drum.codes
         )
@@ -414,7 +377,7 @@ def lengths_from_counts(run: Run, counters: FloatArray | None = None) -> Lengths
         if counter.believed_rate is not None and state is None:
             believed[counts.source][c.channel] = drum, counter.believed_rate
         values = counter.counts * drum.count_sign / drum.scale
-        way = None if state is None else state[None, STATE:]
+        way = None if state is None else state[None, kernels.STATE :]
         values += -_play(drum, values, way) if isinstance(drum, SensorTable) else _lag(drum, values, way)
         why = reasons_of(counter, c.channel, drum, at_s)
         if c.passage > 1 or at_s is not counts.time_s:
@@ -455,9 +418,8 @@ def with_reasons(rig: Rig, lengths: Lengths, reasons: tuple[Reasons, ...]) -> Le
             k[mask, j] = np.nan
             first = mask & (flags == Status.OK)
             flags[first], cause[first], where[first] = flag, said, c.name
-    return replace(
-        lengths, change_mm=changes_from_counts(rig, k, rig.observed), counts=k, flags=flags, cause=cause, cable=where, reasons=reasons
-    )
+    change_mm = changes_from_counts(rig, k, rig.observed)
+    return replace(lengths, change_mm=change_mm, counts=k, flags=flags, cause=cause, cable=where, reasons=reasons)
 
 
 def channel_message(channel: Observed) -> Message:
@@ -495,12 +457,12 @@ class LengthResiduals:
         self._rows, self._effects = rig.cable_rows(), effects_of(rig)
         self._start, self._temperature_c = start, temperature_c
         m = len(self._rows)
-        self._begun = np.full((1, m), np.nan) if start is None else cable_kernels_span_lengths(self._rows, start[None, :])
+        self._begun = np.full((1, m), np.nan) if start is None else kernels.span_lengths(self._rows, start[None, :])
 
     def of(self, lengths: Lengths, poses: FloatArray) -> FloatArray:
         """(n, m) residuals [mm] at the piece's (n, 7) poses."""
         lengths = lengths.of_cables()
-        modelled = cable_kernels_span_lengths(self._rows, np.ascontiguousarray(poses))
+        modelled = kernels.span_lengths(self._rows, np.ascontiguousarray(poses))
         known = np.flatnonzero(np.isfinite(poses[:, 0]))
         if self._start is None and len(known):
             self._start = poses[known[0]]
@@ -515,3 +477,34 @@ class LengthResiduals:
         determined = np.isnan(self._begun[0]) & np.isfinite(out).any(axis=0)
         self._begun[0, determined] = np.nanmean(out[:, determined], axis=0)
         return np.asarray(self._begun - out)
+
+
+def zeroed_exactly(rig: Rig, cables: tuple[Observed, ...] | None = None) -> BoolArray:
+    """(m,) whether a recorded count of zero is k = 0 exactly; an absolute encoder is not zeroed at all."""
+    chosen = rig.cable if cables is None else cables
+    return np.array([rig.counter(c).zero_exact or rig.counter(c).absolute for c in chosen], dtype=np.bool_)
+
+
+def drawn_phases(rig: Rig, rng: "np.random.Generator", cables: tuple[Observed, ...] | None = None) -> FloatArray:
+    """(m,) where within a recorded count the cables' counters were zeroed: one draw within +-1/2 for each zeroing, 0 for one that is
+    exact."""
+    of = rig.zeroings(cables)
+    drawn = rng.uniform(-0.5, 0.5, len(np.unique(of)))[of]
+    return np.where(zeroed_exactly(rig, cables), 0.0, drawn)
+
+
+def phase_variance(rig: Rig, cables: tuple[Observed, ...] | None = None) -> FloatArray:
+    """(m,) variance [mm^2] of a length by where within a count its counter was zeroed: uniform within half a recorded count, the same for
+    all rows counted from one zeroing (`Rig.zeroings`); 0 where the zero is exact."""
+    return np.where(zeroed_exactly(rig, cables), 0.0, rounding_variance(rig, cables))
+
+
+def phase_columns(rig: Rig, cables: tuple[Observed, ...] | None = None) -> FloatArray:
+    """(m, z) what one standard deviation of the phase of each zeroing, none that is exact, makes of the lengths [mm]."""
+    u_mm, of = np.sqrt(phase_variance(rig, cables)), rig.zeroings(cables)
+    return np.where(of[:, None] == np.unique(of[u_mm > 0.0]), u_mm[:, None], 0.0)
+
+
+def length_variance(rig: Rig, cables: tuple[Observed, ...] | None = None) -> FloatArray:
+    """(m,) variance [mm^2] of a single length: of the count and of where it was zeroed."""
+    return count_variance(rig, cables) + phase_variance(rig, cables)

@@ -18,8 +18,7 @@ SMOOTH_MM = 0.2
 """By which a later pass may bend otherwise before and after an interval, and still be taken for smooth there: where a counter stepped or a
 cable was jerked nothing is to be spread over the samples about."""
 
-ARM_MM = 1000.0
-"""Of an angle, to hold it against a length."""
+ARM_MM = 1000.0  # Of an angle, to hold it against a length
 
 
 class Reason(NamedTuple):

@@ -20,8 +20,8 @@ import numpy as np
 import scipy
 
 from lmeasure.core import FloatArray, plug_in_names, plug_in_version, se3
-from lmeasure.kernels import ATTACHMENT_XYZ, BY_ATTACHMENT, CABLE_COLUMNS, OWN_COLUMNS, OWN_PARAMETERS, WIDTH, set_laws
-from lmeasure.rig import GROUP, AngleSensor as AngleSensor, LengthSensor as LengthSensor, SensorTable, external_number, register_table
+from lmeasure.kernels import ATTACHMENT_XYZ, BY_ATTACHMENT, CABLE_COLUMNS, GROUP, OWN_COLUMNS, OWN_PARAMETERS, WIDTH, set_laws
+from lmeasure.rig import AngleSensor as AngleSensor, LengthSensor as LengthSensor, SensorTable, external_number, register_table
 
 STEP_MM = 1e-2
 STEP_RAD = 3e-5

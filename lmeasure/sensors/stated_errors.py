@@ -16,8 +16,7 @@ from lmeasure.sensors.wrap import Span, arms, spans
 from lmeasure.text import message
 
 BAND = 2.5  # recorded counts
-SAME_MM = 1.0
-"""Difference of cable lengths up to which a counter is zeroed at the same pose: `calibrate` writes whole millimetres."""
+SAME_MM = 1.0  # Difference of cable lengths up to which a counter is zeroed at the same pose: `calibrate` writes whole millimetres
 
 
 @dataclass(frozen=True)
@@ -153,10 +152,8 @@ class Unsolved:
         for v in played:
             if v.assumed is assumed:
                 squares[v.owner] = squares.get(v.owner, 0.0) + v.u**2
-        drums = [rig.point(c.from_point).drum for c in self._cables]
-        return np.array(
-            [np.sqrt(squares.get(c.from_point, 0.0)) * d.count_length_mm / d.scale for c, d in zip(self._cables, drums, strict=True)]
-        )
+        drums = [(c.from_point, rig.point(c.from_point).drum) for c in self._cables]
+        return np.array([np.sqrt(squares.get(point, 0.0)) * drum.count_length_mm / drum.scale for point, drum in drums])
 
     def __bool__(self) -> bool:
         return bool(self.variables) or bool(self.play_mm.any())

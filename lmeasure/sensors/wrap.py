@@ -6,29 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lmeasure import kernels
 from lmeasure.core import FloatArray, se3
-from lmeasure.kernels import (
-    ALPHA,
-    ANGLE_ZERO,
-    ATTACHMENT_XYZ,
-    AXIAL,
-    BASE_XYZ,
-    BETA,
-    CABLE,
-    COUNT_LENGTH,
-    ECCENTRIC_PHASE,
-    ECCENTRICITY,
-    GUIDE_XYZ,
-    INCLINATION,
-    KIND,
-    ON_AXIS_MM,
-    RADIUS,
-    SWIVEL,
-    TANGENT,
-    TRAVEL,
-    span_lengths,
-    span_rows_of,
-)
 from lmeasure.linkages import pluecker_rows
 
 NEWTON_STEPS = 50
@@ -53,7 +32,7 @@ def span(way: FloatArray, u: FloatArray, radius: ArrayLike) -> Span:
         q = np.einsum("...i,...i->...", way, u)
         away = way - q[..., None] * u
         p = np.linalg.norm(away, axis=-1)
-        p = np.where(p < ON_AXIS_MM, np.nan, p)
+        p = np.where(p < kernels.ON_AXIS_MM, np.nan, p)
         x = p - R
         t = np.sqrt(q * q + x * x - R * R)
         k = 1.0 / (q * q + x * x)
@@ -68,12 +47,12 @@ def span(way: FloatArray, u: FloatArray, radius: ArrayLike) -> Span:
 
 def spans(cables: FloatArray, poses: FloatArray, arm: FloatArray) -> Span:
     """Of m cables, the kernels' rows (m, columns), at (n, 7) poses with their `arms`: arrays (n, m)."""
-    return span(poses[:, None, :3] + arm - cables[:, BASE_XYZ], cables[:, GUIDE_XYZ], cables[:, RADIUS])
+    return span(poses[:, None, :3] + arm - cables[:, kernels.BASE_XYZ], cables[:, kernels.GUIDE_XYZ], cables[:, kernels.RADIUS])
 
 
 def arms(cables: FloatArray, poses: FloatArray) -> FloatArray:
     """(n, m, 3) from the tool origin to the attachment points of the kernels' rows (m, columns) [mm], base axes."""
-    return np.asarray(np.einsum("nij,mj->nmi", se3.matrices(poses), cables[:, ATTACHMENT_XYZ]))
+    return np.asarray(np.einsum("nij,mj->nmi", se3.matrices(poses), cables[:, kernels.ATTACHMENT_XYZ]))
 
 
 def span_rows(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -82,35 +61,37 @@ def span_rows(cables: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatA
     arm = arms(cables, poses)
     found = spans(cables, poses, arm)
     readings, rows = found.length, pluecker_rows(arm, found.direction)
-    laws = {SWIVEL: _swivel, INCLINATION: _inclination}
-    for j in np.flatnonzero(cables[:, KIND] != CABLE):
-        law = laws.get(int(cables[j, KIND]), _compiled)
+    laws = {kernels.SWIVEL: _swivel, kernels.INCLINATION: _inclination}
+    for j in np.flatnonzero(cables[:, kernels.KIND] != kernels.CABLE):
+        law = laws.get(int(cables[j, kernels.KIND]), _compiled)
         readings[:, j], rows[:, j] = law(cables[j], poses, arm[:, j])
     return readings, rows
 
 
 def _compiled(channel: FloatArray, poses: FloatArray, arm: FloatArray) -> tuple[FloatArray, FloatArray]:
     row, at = np.ascontiguousarray(channel[None]), np.ascontiguousarray(poses)
-    return span_lengths(row, at)[:, 0], span_rows_of(row, at)[:, 0]
+    return kernels.span_lengths(row, at)[:, 0], kernels.span_rows_of(row, at)[:, 0]
 
 
 def _swivel(channel: FloatArray, poses: FloatArray, arm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    frame = guide(channel[ALPHA], channel[BETA])
-    way = poses[:, :3] + arm - channel[BASE_XYZ]
+    frame = guide(channel[kernels.ALPHA], channel[kernels.BETA])
+    way = poses[:, :3] + arm - channel[kernels.BASE_XYZ]
     x, y = way @ frame[1], way @ frame[2]
-    theta, phase = np.arctan2(y, x), channel[ECCENTRIC_PHASE]
+    theta, phase = np.arctan2(y, x), channel[kernels.ECCENTRIC_PHASE]
     with np.errstate(invalid="ignore", divide="ignore"):
-        gain = (1.0 + channel[ECCENTRICITY] * np.cos(theta - phase)) / (x * x + y * y)
+        gain = (1.0 + channel[kernels.ECCENTRICITY] * np.cos(theta - phase)) / (x * x + y * y)
         gradient = gain[:, None] * (x[:, None] * frame[2] - y[:, None] * frame[1])
-    return theta + channel[ECCENTRICITY] * np.sin(theta - phase) - channel[ANGLE_ZERO], pluecker_rows(arm, gradient)
+    return theta + channel[kernels.ECCENTRICITY] * np.sin(theta - phase) - channel[kernels.ANGLE_ZERO], pluecker_rows(arm, gradient)
 
 
 def _inclination(channel: FloatArray, poses: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    across = np.cross(axis, channel[BASE_XYZ])
+    across = np.cross(axis, channel[kernels.BASE_XYZ])
     size = np.linalg.norm(across, axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         omega = across / size[:, None]
-    return np.arctan2(axis @ channel[BASE_XYZ], size) - channel[ANGLE_ZERO], np.concatenate([omega, np.zeros((len(poses), 3))], axis=1)
+    return np.arctan2(axis @ channel[kernels.BASE_XYZ], size) - channel[kernels.ANGLE_ZERO], np.concatenate(
+        [omega, np.zeros((len(poses), 3))], axis=1
+    )
 
 
 def guide(alpha: float, beta: float) -> FloatArray:
@@ -159,4 +140,4 @@ class Drum(NamedTuple):
 
 def drum_of(row: FloatArray) -> Drum:
     """That of a cable, the kernels' row (columns,)."""
-    return Drum(row[TANGENT], row[AXIAL], row[TRAVEL], row[COUNT_LENGTH])
+    return Drum(row[kernels.TANGENT], row[kernels.AXIAL], row[kernels.TRAVEL], row[kernels.COUNT_LENGTH])

@@ -14,8 +14,7 @@ from lmeasure.core import FloatArray, se3
 from lmeasure.rig import Cable, Drum, ObservationPoint, Observed, Rig, cables_among
 from lmeasure.sensors import counts_from_poses, effects_of
 
-GUIDE_MM = 500.0
-"""From the fixed pulley to B, where the rig does not say."""
+GUIDE_MM = 500.0  # From the fixed pulley to B, where the rig does not say
 ROUNDS = 60
 TURN = 2.0 * np.pi
 

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.core import FileFormatError, FloatArray, se3
 from lmeasure.text import message
 
-PEAK = 1.875
-"""Largest rate of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5 over its mean rate: at s = 1/2."""
+PEAK = 1.875  # Largest rate of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5 over its mean rate: at s = 1/2
 MAX_SAMPLES = 50_000_000
 
 

@@ -10,20 +10,9 @@ from itertools import combinations, islice
 
 import numpy as np
 
+from lmeasure import linkages
 from lmeasure.core import BoolArray, FloatArray, se3
-from lmeasure.linkages import (
-    ALL,
-    LINKS,
-    NOT_PROVED,
-    RodLinks,
-    architecturally_singular,
-    assemblies,
-    complex_assemblies,
-    incidence,
-    pluecker_rows,
-    rim_mm,
-    wrapped_assemblies,
-)
+from lmeasure.linkages import rim_mm
 from lmeasure.sensors import span_rows
 from lmeasure.structure.links import Linkage
 
@@ -56,14 +45,14 @@ def found_of(linkage: Linkage, lengths: FloatArray, within_mm: float = WITHIN_MM
         return _of_rods(linkage.rods, lengths)
     six = six_of(linkage)
     base, platform = linkage.base[six], linkage.platform[six]
-    proofs = assemblies(base, platform, lengths[six])
+    proofs = linkages.assemblies(base, platform, lengths[six])
     if linkage.wrapped is None:
         poses, certified, status = proofs.poses, proofs.certified, proofs.status
         counts: tuple[int | None, int | None] = (proofs.complex_found, proofs.complex_expected)
     else:
-        poses, _ = wrapped_assemblies(linkage.wrapped[six], lengths[six])
-        certified, status, counts = np.zeros(len(poses), dtype=np.bool_), NOT_PROVED, (None, None)
-    if len(lengths) == LINKS:
+        poses, _ = linkages.wrapped_assemblies(linkage.wrapped[six], lengths[six])
+        certified, status, counts = np.zeros(len(poses), dtype=np.bool_), linkages.NOT_PROVED, (None, None)
+    if len(lengths) == linkages.LINKS:
         return Found(poses, certified, _misses(linkage, poses, lengths), status, *counts)
     near = _misses(linkage, poses, lengths) <= 100.0 * within_mm
     poses = np.where(near[:, None], np.array([_improved(linkage, pose, lengths) for pose in poses]).reshape(-1, 7), poses)
@@ -74,25 +63,25 @@ def found_of(linkage: Linkage, lengths: FloatArray, within_mm: float = WITHIN_MM
     return Found(poses[kept], np.zeros(int(kept.sum()), dtype=np.bool_), misses[kept], status, *counts, rest)
 
 
-def _of_rods(rods: RodLinks, lengths: FloatArray) -> Found:
+def _of_rods(rods: linkages.RodLinks, lengths: FloatArray) -> Found:
     """Return the modes of straight links with the same poses, or modes found from many starts where there are no such links."""
     if rods.gauges is None:
         poses = rods.poses_of(lengths)
-        return Found(poses, np.zeros(len(poses), dtype=np.bool_), np.zeros(len(poses)), NOT_PROVED, None, None)
+        return Found(poses, np.zeros(len(poses), dtype=np.bool_), np.zeros(len(poses)), linkages.NOT_PROVED, None, None)
     links = rods.links_of_drives(lengths)
     if not np.isfinite(links).all():
-        return Found(np.empty((0, 7)), np.zeros(0, dtype=np.bool_), np.zeros(0), ALL, 0, 0)
-    proofs = assemblies(*rods.bodies, links)
+        return Found(np.empty((0, 7)), np.zeros(0, dtype=np.bool_), np.zeros(0), linkages.ALL, 0, 0)
+    proofs = linkages.assemblies(*rods.bodies, links)
     misses = np.abs(rods.placed(proofs.poses).lengths - lengths).max(axis=1)
     return Found(proofs.poses, proofs.certified, misses, proofs.status, proofs.complex_found, proofs.complex_expected)
 
 
 def six_of(linkage: Linkage) -> list[int]:
     """Six of the links, those with fewest complex assemblies of the first SIXES choices; all when there are six."""
-    m, best, fewest = len(linkage.base), list(range(LINKS)), np.inf
-    if m == LINKS:
+    m, best, fewest = len(linkage.base), list(range(linkages.LINKS)), np.inf
+    if m == linkages.LINKS:
         return best
-    for choice in islice(combinations(range(m), LINKS), SIXES):
+    for choice in islice(combinations(range(m), linkages.LINKS), SIXES):
         six = list(choice)
         count = _count(linkage.base[six], linkage.platform[six])
         if 0 < count < fewest:
@@ -103,10 +92,10 @@ def six_of(linkage: Linkage) -> list[int]:
 
 
 def _count(base: FloatArray, platform: FloatArray) -> int:
-    structure = incidence(base, platform).structure
-    if structure.degenerate or architecturally_singular(base, platform):
+    structure = linkages.incidence(base, platform).structure
+    if structure.degenerate or linkages.architecturally_singular(base, platform):
         return 0
-    return complex_assemblies(structure)
+    return linkages.complex_assemblies(structure)
 
 
 def lengths_at(linkage: Linkage, poses: FloatArray) -> FloatArray:
@@ -126,7 +115,7 @@ def rows_at(linkage: Linkage, poses: FloatArray) -> tuple[FloatArray, FloatArray
     along = poses[:, None, :3] + arms - linkage.base
     lengths = np.linalg.norm(along, axis=-1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return lengths, pluecker_rows(arms, along / lengths[..., None])
+        return lengths, linkages.pluecker_rows(arms, along / lengths[..., None])
 
 
 def _misses(linkage: Linkage, poses: FloatArray, lengths: FloatArray) -> FloatArray:

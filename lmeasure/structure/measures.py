@@ -10,25 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from lmeasure import linkages
 from lmeasure.core import FileFormatError, FloatArray, StructureError, se3
 from lmeasure.kernels import COUNT_LENGTH, RADIUS, radius_95, wrap_geometry
-from lmeasure.linkages import (
-    LINKS,
-    LOST,
-    Drive,
-    Lines,
-    Split,
-    driven,
-    extra_drives,
-    gradients,
-    leading_out,
-    line_pressure_angles,
-    link_rows,
-    lost_twists,
-    nearest_singular,
-    neighbourhood,
-    rim_mm,
-)
 from lmeasure.structure.assemblies import apart_mm, found_of, lengths_at, rows_at
 from lmeasure.structure.links import Linkage
 from lmeasure.text import message
@@ -38,13 +22,13 @@ REACHED_MM = 1e-6  # by which a pose driven to may miss its lengths
 NEAR_MM = 1.0  # a pose no farther from an assembly is that assembly
 
 
-def lines_of(linkage: Linkage) -> Lines:
+def lines_of(linkage: Linkage) -> linkages.Lines:
     """The lines of the links at poses: of cables over pulleys their free spans, from where they leave the pulley."""
     rows = linkage.wrapped
     if linkage.rods is not None:
         return linkage.rods.lines
     if rows is None:
-        return lambda poses: link_rows(linkage.base, linkage.platform, poses)
+        return lambda poses: linkages.link_rows(linkage.base, linkage.platform, poses)
     rows = np.ascontiguousarray(rows)
 
     def free(poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -80,11 +64,11 @@ def held(linkage: Linkage, poses: FloatArray, u_mm: FloatArray | float = 1.0) ->
     M, _, points = lines_of(linkage)(poses)
     known = np.asarray(np.isfinite(M).all(axis=(1, 2)))
     M = np.where(known[:, None, None], M, 0.0)
-    e, rim, m = M[..., :3], rim_mm(linkage.platform), len(linkage.base)
+    e, rim, m = M[..., :3], linkages.rim_mm(linkage.platform), len(linkage.base)
     middle = se3.apply(poses, np.tile(linkage.platform.mean(axis=0), (len(poses), 1)))
     about_middle = np.concatenate([(M[..., 3:] - np.cross(middle[:, None], e)) / rim, e], axis=-1)
     s = np.linalg.svd(np.nan_to_num(about_middle), compute_uv=False)
-    rank = np.asarray((s > LOST * np.maximum(s[:, :1], 1e-300)).sum(axis=1))
+    rank = np.asarray((s > linkages.LOST * np.maximum(s[:, :1], 1e-300)).sum(axis=1))
     sound = np.asarray(known & (rank == 6))
     with np.errstate(divide="ignore", invalid="ignore"):
         condition, gain = np.where(sound, s[:, 0] / s[:, 5], np.inf), np.where(sound, 1.0 / s[:, 5], np.inf)
@@ -92,11 +76,11 @@ def held(linkage: Linkage, poses: FloatArray, u_mm: FloatArray | float = 1.0) ->
     about_origin = np.concatenate([(M[..., 3:] - np.cross(poses[:, None, :3], e)) / rim, e], axis=-1)
     u = np.broadcast_to(np.asarray(u_mm, dtype=np.float64), m)
     for i in np.flatnonzero(sound):
-        moved = (np.linalg.pinv(about_origin[i] / u[:, None]) if m > LINKS else np.linalg.inv(about_origin[i]) * u)[3:]
+        moved = (np.linalg.pinv(about_origin[i] / u[:, None]) if m > linkages.LINKS else np.linalg.inv(about_origin[i]) * u)[3:]
         C = moved @ moved.T
         u95[i] = radius_95(C[0, 0], C[1, 1], C[2, 2], C[0, 1], C[0, 2], C[1, 2])
-        worst[i] = np.degrees(line_pressure_angles(M[i], points[i], middle[i], rim).max())
-    det = np.where(known, np.linalg.det(M), np.nan) if m == LINKS else np.full(len(poses), np.nan)
+        worst[i] = np.degrees(linkages.line_pressure_angles(M[i], points[i], middle[i], rim).max())
+    det = np.where(known, np.linalg.det(M), np.nan) if m == linkages.LINKS else np.full(len(poses), np.nan)
     return Held(det, np.where(known, rank, 0), condition, gain, u95, worst)
 
 
@@ -112,15 +96,17 @@ def at_pose(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
     one = held(straight, pose[None])
     record: dict[str, Any] = _figures(one) | {"least_seen_screw": _least_seen(straight, pose)}
     record |= {"lengths_mm": own.tolist(), "rows": rows_at(straight, pose[None])[1][0].tolist()}
-    if len(linkage.base) > LINKS:
+    if len(linkage.base) > linkages.LINKS:
         record["gradient"] = None
     elif linkage.rods is not None:
         record["gradient"] = linkage.rods.gradient(pose).tolist()
     else:
-        record["gradient"] = gradients(linkage.base, linkage.platform, pose).tolist()
+        record["gradient"] = linkages.gradients(linkage.base, linkage.platform, pose).tolist()
     middle = se3.apply(pose, linkage.platform.mean(axis=0))
-    held_by = one.rank[0] == 6 or len(M) == LINKS
-    angles = line_pressure_angles(M, points, middle, rim_mm(linkage.platform)) if held_by else np.full(len(M), np.pi / 2.0)
+    held_by = one.rank[0] == 6 or len(M) == linkages.LINKS
+    angles = (
+        linkages.line_pressure_angles(M, points, middle, linkages.rim_mm(linkage.platform)) if held_by else np.full(len(M), np.pi / 2.0)
+    )
     record["pressure_angles_deg"] = np.degrees(angles).tolist()
     if linkage.hooke is not None:
         along = se3.apply(pose, linkage.platform) - linkage.base
@@ -148,25 +134,25 @@ def at_singular(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
     StructureError where there is none near it, or more links than six.
     """
     base, platform, rods = linkage.base, linkage.platform, linkage.rods
-    if len(base) != LINKS:
+    if len(base) != linkages.LINKS:
         raise StructureError(message("error.singular_has_links_singular", n_base=len(base)))
     if not linkage.straight:
         raise StructureError(message("error.singular_takes_no_such_rods"))
-    at = nearest_singular(base, platform, pose)
+    at = linkages.nearest_singular(base, platform, pose)
     rates = None
     if rods is not None:
         if not (rods.margins(at) > 0.0).all():
             raise StructureError(message("error.singular_no_singular_pose"))
         rates = rods.rates_of_drives(rods.placed(at).lengths)
-    around, signs = neighbourhood(base, platform, at), leading_out(base, platform, at, rates)
-    leaves = len(around.twists) < LINKS
+    around, signs = linkages.neighbourhood(base, platform, at), linkages.leading_out(base, platform, at, rates)
+    leaves = len(around.twists) < linkages.LINKS
     exit_twist = around.gradient / np.linalg.norm(around.gradient) if leaves else None
     # chains with rods have other passive pairs
-    sets = [] if rods is not None else extra_drives(base, platform, at, exit_twist=exit_twist)
+    sets = [] if rods is not None else linkages.extra_drives(base, platform, at, exit_twist=exit_twist)
     names = [name for name, _, _ in linkage.names]
     words = {1: "lengthen", -1: "shorten", 0: "no part"}
 
-    def drive(d: Drive) -> dict[str, Any]:
+    def drive(d: linkages.Drive) -> dict[str, Any]:
         return {
             "link": names[d.link],
             "pair": "platform" if d.pair == "body" else d.pair,
@@ -176,12 +162,12 @@ def at_singular(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
             "wrench": d.wrench.tolist(),
         }
 
-    lost = lost_twists(base, platform, at)
+    lost = linkages.lost_twists(base, platform, at)
     return {
         "position_mm": at[:3].tolist(),
         "quaternion_xyzw": at[3:].tolist(),
-        "away_mm": float(apart_mm(at[None], pose, rim_mm(platform))[0]),
-        "rank": LINKS - len(lost),
+        "away_mm": float(apart_mm(at[None], pose, linkages.rim_mm(platform))[0]),
+        "rank": linkages.LINKS - len(lost),
         "lost_twists": lost.tolist(),
         "gradient": around.gradient.tolist(),
         "topology": around.topology,
@@ -199,7 +185,7 @@ def at_singular(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
 def _least_seen(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
     """The screw of the platform that lengths see least: axis, pitch per turn (None of a shift), change of length per mm of the rim."""
     rows, m = rows_at(linkage, pose[None])[1][0], len(linkage.base)
-    screw = Split(rows, pose[:3], np.arange(6), np.ones(m), size_mm=rim_mm(linkage.platform)).lost
+    screw = linkages.Split(rows, pose[:3], np.arange(6), np.ones(m), size_mm=linkages.rim_mm(linkage.platform)).lost
     pitch = float(screw.pitch_mm) if np.isfinite(screw.pitch_mm) else None
     return {"direction": screw.direction.tolist(), "point_mm": screw.point.tolist(), "pitch_mm": pitch, "mm_per_mm": screw.mm_per_mm}
 
@@ -226,12 +212,12 @@ def forward(linkage: Linkage, pose: FloatArray, lengths: FloatArray) -> dict[str
         own, here = rows_at(linkage, poses)[::-1]
         return np.concatenate([own[..., :3] + np.cross(poses[:, None, :3], own[..., 3:]), own[..., 3:]], axis=-1), here
 
-    poses, good = driven(rows, pose[None], lengths[None], rim_mm(linkage.platform))
+    poses, good = linkages.driven(rows, pose[None], lengths[None], linkages.rim_mm(linkage.platform))
     here = rows(np.concatenate([pose[None], poses]))
     off = float(np.abs(here[1][1] - lengths).max())
-    same = len(lengths) > LINKS or np.linalg.det(here[0]).prod() > 0.0
+    same = len(lengths) > linkages.LINKS or np.linalg.det(here[0]).prod() > 0.0
     kept = linkage.rods is None or (linkage.rods.margins(poses[0]) > 0.0).all()
-    if not (good[0] and same and kept and (off < REACHED_MM or len(lengths) > LINKS)):
+    if not (good[0] and same and kept and (off < REACHED_MM or len(lengths) > linkages.LINKS)):
         return None
     return {"position_mm": poses[0, :3].tolist(), "quaternion_xyzw": poses[0, 3:].tolist(), "misses_mm": off}
 
@@ -240,7 +226,7 @@ def others_near(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
     """The other assemblies of the lengths at a pose (7,): where they are and how far away, the nearest first [mm, a turn at the rim]."""
     lengths = lengths_at(linkage, pose[None])[0]
     found = found_of(linkage, lengths)
-    away = apart_mm(found.poses, pose, rim_mm(linkage.platform))
+    away = apart_mm(found.poses, pose, linkages.rim_mm(linkage.platform))
     order = [i for i in np.argsort(away) if away[i] > NEAR_MM]
     each = [
         {"position_mm": found.poses[i, :3].tolist(), "quaternion_xyzw": found.poses[i, 3:].tolist(), "apart_mm": float(away[i])}
@@ -304,7 +290,7 @@ class Parts:
 def parts(linkage: Linkage, poses: FloatArray) -> Parts:
     """The parts of the motion along poses (n, 7); NaN at poses that are NaN and after them."""
     known = np.asarray(~np.isnan(poses).any(axis=1))
-    unit = np.repeat([1.0 / rim_mm(linkage.platform), 1.0], 3)
+    unit = np.repeat([1.0 / linkages.rim_mm(linkage.platform), 1.0], 3)
     lost, s = np.full((len(poses), 6), np.nan), np.full((len(poses), 6), np.nan)
     rows = rows_at(linkage, poses[known])[1] * unit
     good = np.isfinite(rows).all(axis=(1, 2))

@@ -5,20 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from lmeasure import linkages
 from lmeasure.core import DataFrame, FloatArray, Shown, framed
-from lmeasure.linkages import (
-    LINKS,
-    NOT_PROVED,
-    Structure,
-    Variants,
-    architecturally_singular,
-    class_of,
-    complex_assemblies,
-    incidence,
-    rim_mm,
-    somov_malyshev,
-    structures,
-)
 from lmeasure.structure import measures
 from lmeasure.structure.assemblies import WITHIN_MM, found_of, six_of
 from lmeasure.structure.design import designed
@@ -26,8 +14,7 @@ from lmeasure.structure.links import Linkage
 from lmeasure.structure.slices import bounds_of, slices, window_mm
 from lmeasure.structure.text import described_lines
 
-NEAR = 0.2
-"""Of the distance from the base to the platform: another assembly no farther away can be taken for the right one."""
+NEAR = 0.2  # Of the distance from the base to the platform: another assembly no farther away can be taken for the right one
 
 
 @dataclass(frozen=True)
@@ -59,13 +46,15 @@ def described(
     the pose.
     """
     base, platform, m = linkage.base, linkage.platform, len(linkage.base)
-    structure = incidence(base, platform).structure if m == LINKS and linkage.straight else None
+    structure = linkages.incidence(base, platform).structure if m == linkages.LINKS and linkage.straight else None
     reason = None if structure is None else structure.degenerate
-    singular = reason or (architecturally_singular(base, platform) if linkage.straight else None)
-    record: dict[str, Any] = ({"notation": None, "class": class_of(base, platform)} if structure is None else _listed(structure)) | {
+    singular = reason or (linkages.architecturally_singular(base, platform) if linkage.straight else None)
+    record: dict[str, Any] = (
+        {"notation": None, "class": linkages.class_of(base, platform)} if structure is None else _listed(structure)
+    ) | {
         "links": m,
-        "freedoms": somov_malyshev(links=m)[0],
-        "redundant": m - LINKS,
+        "freedoms": linkages.somov_malyshev(links=m)[0],
+        "redundant": m - linkages.LINKS,
         "degenerate": reason is not None,
         "degenerate_reason": reason,
         "architecturally_singular": singular is not None,
@@ -78,7 +67,7 @@ def described(
         record |= {"rods": len(linkage.rods.rods), "straight_links": linkage.straight}
     if linkage.lengths is not None and singular is not None:
         # at special lengths all poses of a motion, at others none
-        record |= {"assemblies": [], "complex_assemblies_found": 0, "complex_assemblies_expected": 0, "status": NOT_PROVED}
+        record |= {"assemblies": [], "complex_assemblies_found": 0, "complex_assemblies_expected": 0, "status": linkages.NOT_PROVED}
     elif linkage.lengths is not None:
         record |= _assemblies(linkage, linkage.lengths, within_mm)
     if pose is not None:
@@ -106,7 +95,7 @@ def _assemblies(linkage: Linkage, lengths: FloatArray, within_mm: float) -> dict
         "complex_assemblies_found": found.complex_found,
         "complex_assemblies_expected": found.complex_expected,
         "status": found.status,
-        "within_mm": within_mm if len(lengths) > LINKS else None,
+        "within_mm": within_mm if len(lengths) > linkages.LINKS else None,
         "next_misses_mm": found.next_misses_mm if np.isfinite(found.next_misses_mm) else None,
     }
 
@@ -126,15 +115,15 @@ def _boundary(linkage: Linkage, pose: FloatArray, asked: Workspace) -> dict[str,
 
 def _away(linkage: Linkage, pose: FloatArray) -> float:
     """From the middle of the base points to the platform [mm]."""
-    return max(float(np.linalg.norm(pose[:3] - linkage.base.mean(axis=0))), rim_mm(linkage.platform))
+    return max(float(np.linalg.norm(pose[:3] - linkage.base.mean(axis=0))), linkages.rim_mm(linkage.platform))
 
 
-def _listed(structure: Structure) -> dict[str, Any]:
+def _listed(structure: linkages.Structure) -> dict[str, Any]:
     return {
         "notation": structure.notation,
         "class": structure.class_name,
         "closed_form": structure.closed_form,
-        "complex_assemblies": complex_assemblies(structure),
+        "complex_assemblies": linkages.complex_assemblies(structure),
         "degenerate": structure.degenerate is not None,
     }
 
@@ -142,8 +131,9 @@ def _listed(structure: Structure) -> dict[str, Any]:
 def all_structures() -> list[dict[str, Any]]:
     """Every structure, platform and base distinguished, as `lmeasure structure --list` writes it."""
     return [
-        _listed(s) | {"degenerate_reason": s.degenerate, "koliskor": s.koliskor, "variants": None if s.degenerate else Variants(s).record}
-        for s in structures()
+        _listed(s)
+        | {"degenerate_reason": s.degenerate, "koliskor": s.koliskor, "variants": None if s.degenerate else linkages.Variants(s).record}
+        for s in linkages.structures()
     ]
 
 

@@ -13,8 +13,7 @@ from lmeasure.structure.links import Linkage
 from lmeasure.structure.measures import lines_of
 from lmeasure.text import Message, composed, message
 
-PLANES = {"xy": (0, 1, 2), "xz": (0, 2, 1), "yz": (1, 2, 0)}
-"""Both directions of a plane, and that of its levels."""
+PLANES = {"xy": (0, 1, 2), "xz": (0, 2, 1), "yz": (1, 2, 0)}  # Both directions of a plane, and that of its levels
 RAYS = 72  # directions in which the boundary is looked for
 SAME = 2e-3  # of the reach: a ray that meets a limit so near to a followed boundary meets that one, whose corners may be cut by less
 ALONG = 48  # places of a straight line at which it is seen whether it keeps the limits

@@ -84,7 +84,7 @@ def test_an_import_where_metadata_were_removed_says_that_the_version_is_unknown(
         raise PackageNotFoundError(name)
 
     path = write(tmp_path / "drive.blf", counter_log(20, 4))
-    for module in ("lmeasure.core.packages", "lmeasure.acquisition.logs.import_log"):
+    for module in ("lmeasure.core.entry_points", "lmeasure.acquisition.logs.import_log"):
         monkeypatch.setattr(f"{module}.version", gone, raising=False)
     write_rig(tmp_path / "rig.toml", six_cables())
     words = ["lmeasure", "import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", *POSE]

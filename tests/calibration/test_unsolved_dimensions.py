@@ -14,7 +14,7 @@ from lmeasure.calibration import CalibrationSettings, Campaign, calibrate
 from lmeasure.core import FileFormatError, FloatArray
 from lmeasure.recording import Poses, Run
 from lmeasure.rig import CalibrationRecord, read_calibration_record, write_calibration_record
-from lmeasure.sensors import cable_covariance, unsolved_columns
+from lmeasure.sensors import cable_covariance, unsolved_dimensions
 from lmeasure.trajectory import reconstruct
 
 DRAWS = 5
@@ -107,7 +107,7 @@ def test_what_is_solved_is_not_counted_again() -> None:
     campaign = campaign_of(true, ("count length", "attachment"), rng)
     found = calibrate(campaign, CalibrationSettings(solve=("position", "guide", "scale")))
     assert {own.name for own in found.record.dimensions} == {f"tool.P{i}.{axis}_mm" for i in (1, 2, 3) for axis in "xyz"}
-    columns = unsolved_columns(found.rig, found.record).reshape(6, 13, -1)
+    columns = unsolved_dimensions(found.rig, found.record)[0].reshape(6, 13, -1)
     assert columns.shape[2] == 9
     scale = next(p for p in found.record.parameters if p.name == "B1.scale")
     assert scale.prior_u == pytest.approx(6e-6 / real_rig.COUNT_MM)
@@ -138,7 +138,7 @@ def test_record_of_unsolved_dimensions_is_written_and_read(tmp_path: Path) -> No
     found = calibrate(campaign_of(true, ("count length", "attachment"), rng))
     write_calibration_record(tmp_path / "calibration.json", found.record)
     again = read_calibration_record(tmp_path / "calibration.json")
-    np.testing.assert_array_equal(unsolved_columns(found.rig, again), unsolved_columns(found.rig, found.record))
+    np.testing.assert_array_equal(unsolved_dimensions(found.rig, again)[0], unsolved_dimensions(found.rig, found.record)[0])
     # the parts of the covariance make the whole, in every length
     total = cable_covariance(found.rig, again)
     names = [[f"{c.from_point}.x_mm", f"{c.from_point}.y_mm"] for c in found.rig.cable]
@@ -155,4 +155,4 @@ def test_a_rig_that_states_nothing_is_calibrated_as_ever() -> None:
     true, rng = drawn(1, ())
     found = calibrate(campaign_of(true, (), rng))
     assert found.record.dimensions == ()
-    assert unsolved_columns(found.rig, found.record).shape[1] == 0
+    assert unsolved_dimensions(found.rig, found.record)[0].shape[1] == 0

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from lmeasure.core import packages as extras
+from lmeasure.core import entry_points as extras
 
 ROOT = Path(__file__).parents[2]
 PIP = f"{sys.executable} -m pip install"

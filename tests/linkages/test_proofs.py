@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lmeasure.core import ComplexArray, FloatArray
-from lmeasure.linkages import Structure, architecture, krawczyk as certified, study_quadric
+from lmeasure.linkages import Structure, krawczyk as certified, singularity, study_quadric
 from lmeasure.linkages.krawczyk import Proved
 
 ROUNDING = 5e-15
@@ -167,22 +167,22 @@ def test_points_are_on_a_line_or_plane_to_a_hundred_thousandth_of_the_figure(off
     across = np.array([1.0, -1.0, -1.0, 1.0])
     part = off * np.sqrt(20.0 / 4.0)
     line = np.outer(along, [0.0, 0.6, 0.8]) + part * np.outer(across, [1.0, 0.0, 0.0]) + [70.0, -20.0, 10.0]
-    assert architecture._flatness(line, 1) == flat
-    assert architecture._flatness(line, 2)
+    assert singularity._flatness(line, 1) == flat
+    assert singularity._flatness(line, 2)
     wide = np.outer(along, [0.0, 0.6, 0.8]) + np.outer([2.0, -2.0, -2.0, 2.0], [0.0, 0.8, -0.6])
     thick = wide + part * np.outer([1.0, -3.0, 3.0, -1.0] / np.sqrt(5.0), [1.0, 0.0, 0.0])
-    assert architecture._flatness(thick, 2) == flat
-    assert not architecture._flatness(thick, 1)
+    assert singularity._flatness(thick, 2) == flat
+    assert not singularity._flatness(thick, 1)
 
 
 @pytest.mark.parametrize(("off", "alike"), [(0.9e-5, True), (1.4e-5, False)])
 def test_figures_are_similar_to_a_hundred_thousandth_of_their_distances(off: float, alike: bool) -> None:
     a = np.array([(0.0, 0.0, 0.0), (4.0, 0.0, 0.0), (1.0, 3.0, 0.0), (-2.0, 2.0, 0.0), (-3.0, -1.0, 0.0), (2.0, -2.5, 0.0)])
     b = 0.3 * a[:, [1, 0, 2]]
-    assert architecture._similar(a, b)
+    assert singularity._similar(a, b)
     of = np.linalg.norm(b[:, None] - b, axis=2)
     b[1, 1] += 1.3 * off * of.max()
-    assert architecture._similar(a, b) == alike
+    assert singularity._similar(a, b) == alike
 
 
 def test_links_that_depend_on_each_other_for_no_known_reason_are_told_so() -> None:
@@ -190,6 +190,6 @@ def test_links_that_depend_on_each_other_for_no_known_reason_are_told_so() -> No
     g = np.random.default_rng(3)
     base, platform = g.normal(size=(6, 3)) * 500.0, g.normal(size=(6, 3)) * 150.0
     platform[:3], base[3:] = platform[0], base[3]
-    assert architecture.architecturally_singular(base, platform) == "the links are dependent at every pose"
+    assert singularity.architecturally_singular(base, platform) == "the links are dependent at every pose"
     base[5] += [30.0, -20.0, 10.0]
-    assert architecture.architecturally_singular(base, platform) is None
+    assert singularity.architecturally_singular(base, platform) is None

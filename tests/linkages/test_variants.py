@@ -4,7 +4,7 @@ import pytest
 
 from lmeasure.core import StructureError
 from lmeasure.linkages import parse, structures
-from lmeasure.linkages.variants import Variants
+from lmeasure.linkages.topology import Variants
 
 
 def of_class(name: str) -> list[Variants]:

@@ -15,7 +15,7 @@ from lmeasure.core import FloatArray, RigError
 from lmeasure.kernels import changes_from_counts, length_gradients, span_lengths, span_rows
 from lmeasure.recording import Counts, Run
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.sensors import DIMENSIONS, cable_covariance, stated_errors, unsolved_columns, zero_at
+from lmeasure.sensors import DIMENSIONS, cable_covariance, stated_errors, unsolved_dimensions, zero_at
 from lmeasure.trajectory import covariances, reconstruct
 
 START = np.array([0.0, 0, 0, 0, 0, 0, 1])
@@ -211,7 +211,7 @@ def test_what_is_stated_of_dimensions_is_a_covariance_of_the_cables_parameters()
     counts = truth(5).true_counts(poses, START)
     rows, scales = rig.cable_rows(), rig.scales()
     gradients = length_gradients(rows, poses, counts, scales) - length_gradients(rows, START[None], np.zeros((1, 6)), scales)
-    through = np.einsum("nmp,mps->nms", gradients, unsolved_columns(rig, None).reshape(6, 13, -1))
+    through = np.einsum("nmp,mps->nms", gradients, unsolved_dimensions(rig, None)[0].reshape(6, 13, -1))
     shifts = stated_errors.Unsolved(rig, stated_errors.stated(rig))
     direct = shifts.shifts(rows, zero_at(START, 6, 0.0), poses, counts)
     names = [n for v in stated_errors.stated(rig, None, (), DIMENSIONS) for n in v.names]

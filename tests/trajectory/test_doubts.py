@@ -13,7 +13,8 @@ from lmeasure.sensors import COUNTER_STATE, lengths_from_counts
 from lmeasure.text import message
 from lmeasure.trajectory.faults.continuity import Away, Break, Continuity, Stood
 from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts, Shift
-from lmeasure.trajectory.faults.rest_evidence import Rests, doubts_of, unseen_steps
+from lmeasure.trajectory.faults.rest_evidence import doubts_of, unseen_steps
+from lmeasure.trajectory.faults.rests import Rests
 
 NO_RESTS = Rests(np.empty(0), np.empty(0), np.empty((0, 6)))
 

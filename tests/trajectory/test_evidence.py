@@ -14,7 +14,8 @@ from lmeasure.sensors import lengths_from_counts, span_lengths
 from lmeasure.simulation import Leg, cell_rig, smooth_path
 from lmeasure.text import within
 from lmeasure.trajectory import SUSPECTED, RestFinder, align, covariances, read_trajectory, reconstruct, reconstruct_stream
-from lmeasure.trajectory.faults.rest_evidence import CLOSURE, LONGEST_S, Evidence, Rests, Step, evidence_of
+from lmeasure.trajectory.faults.rest_evidence import CLOSURE, Evidence, Step, evidence_of
+from lmeasure.trajectory.faults.rests import LONGEST_S, Rests
 
 COUNT_MM = 0.012
 PLACES = ((0.0, 0.0, 0.0), (120.0, 90.0, -80.0), (-110.0, 80.0, 70.0))

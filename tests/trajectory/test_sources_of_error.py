@@ -281,8 +281,7 @@ def test_covariances_in_pieces_are_those_of_the_factors(monkeypatch: pytest.Monk
             own, every = len(budget.origin_names), len(budget.sources)
             mix = np.tril(np.arange(1.0, every**2 + 1.0).reshape(every, every)) / every**2
             budget = budget.with_estimate(OriginEstimate(np.zeros(own), mix, 0.0, 1, POSES, mix @ mix.T, np.zeros(every - own)))
-        given: dict[str, Any] = {"counts": found.counts, "speed_mm_s": budget.speed_mm_s(found), "u_mm": found.u_mm}
-        whole = budget.of(TIMES, POSES, unused=unused, **given)
+        whole = budget.of(Situation(TIMES, POSES, found.counts, budget.speed_mm_s(found)), found.u_mm, unused)
         random, systematic, assumed_mm = budget.covariances(POSES, found, unused)
         np.testing.assert_allclose(random, whole.random, rtol=1e-12)
         np.testing.assert_allclose(systematic, whole.systematic, rtol=1e-9, atol=1e-15)
@@ -302,7 +301,7 @@ def test_without_sources_nothing_is_systematic() -> None:
     random, systematic, _ = budget.covariances(POSES, found)
     assert (np.einsum("nii->ni", random) > 0.0).all()
     np.testing.assert_array_equal(systematic, 0.0)
-    assert budget.of(TIMES, POSES, counts=found.counts, speed_mm_s=found.counts).factors.shape == (5, 6, 0)
+    assert budget.of(Situation(TIMES, POSES, found.counts, found.counts)).factors.shape == (5, 6, 0)
 
 
 def test_which_way_cables_went_counts_where_there_is_play() -> None:

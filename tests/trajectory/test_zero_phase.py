@@ -21,7 +21,7 @@ from lmeasure.recording import Counts, Run, read_run
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
 from lmeasure.sensors import count_variance, counts_from_poses, drawn_phases, lengths_from_counts, recorded_from_counts, span_lengths
 from lmeasure.simulation import cell_rig, simulate_run
-from lmeasure.trajectory import RunModel, reconstruct, reconstruction_of
+from lmeasure.trajectory import RunModel, Situation, reconstruct, reconstruction_of
 from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo
 
 COUNT_MM = 0.012
@@ -185,7 +185,7 @@ def test_passes_share_a_phase_unless_the_counter_was_zeroed_again() -> None:
     # as they are before redundant cables tell of them
     lengths, found = lengths_from_counts(run), reconstruct(run)
     budget, nothing = reconstruction_of(RunModel(rig, run.known_start)).budget, np.zeros(lengths.counts.shape)
-    law = budget.of(lengths.time_s, found.poses, counts=lengths.counts, speed_mm_s=nothing)
+    law = budget.of(Situation(lengths.time_s, found.poses, lengths.counts, nothing))
     assert law.sources == ("zero phase",) * 8
     np.testing.assert_allclose(law.factors[:, :, 0], law.own[:, :, 0] + law.own[:, :, 4], rtol=1e-9, atol=1e-12)
     determined = covariances(found, run)

@@ -17,7 +17,17 @@ from lmeasure.procedures.intermediate_check.moved_parts import Cause, Verdict, a
 from lmeasure.procedures.intermediate_check.stops import Stops, find_stops
 from lmeasure.recording import Run
 from lmeasure.text import decimal, joined, message, texts
-from lmeasure.trajectory import Alignment, Reconstruction, RunModel, align, collect_epochs, estimate_origins, prepare, reconstruction_of
+from lmeasure.trajectory import (
+    Alignment,
+    Reconstruction,
+    RunModel,
+    Situation,
+    align,
+    collect_epochs,
+    estimate_origins,
+    prepare,
+    reconstruction_of,
+)
 
 ASSUMED_MM = 0.05
 """Standard deviation per axis with which a robot comes back, where nobody states it: an industrial robot's."""
@@ -98,7 +108,7 @@ def check_instrument(run: Run, distances: Sequence[Distance] = (), limits: Limit
     n, m = stops.readings.shape
     repeatability = ASSUMED_MM if limits.repeatability_mm is None else limits.repeatability_mm
     counts = np.nan_to_num(stops.counts)
-    known = budget.of(stops.begin_s, stops.poses, counts=counts, speed_mm_s=np.zeros((n, m)), compiled=False, travel=stops.travel)
+    known = budget.of(Situation(stops.begin_s, stops.poses, counts, np.zeros((n, m)), travel=stops.travel), compiled=False)
     found = closures(budget, stops, known, distances, repeatability_mm=repeatability)
     notes = []
     if limits.repeatability_mm is None:

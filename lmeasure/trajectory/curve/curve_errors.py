@@ -16,26 +16,18 @@ import numpy as np
 import scipy
 
 from lmeasure.core import FloatArray, IntArray, symmetric_root
-from lmeasure.rig import TYPICAL_SIZES
 from lmeasure.text import Message, message
 from lmeasure.trajectory.curve.curve import ORDER, Curve
 from lmeasure.trajectory.files.trajectory import Trajectory
-from lmeasure.trajectory.uncertainty.pose_errors import COUNT, OF_COUNTERS, ErrorSource, PoseErrors, name_of_source
-from lmeasure.trajectory.uncertainty.sources import PHASE
+from lmeasure.trajectory.uncertainty.pose_errors import OF_COUNTERS, PoseErrors, name_of_source, source_of
 
-APART = 24.0
-"""Knots between neighbouring instants of two clusters."""
-LONGEST = 240
-"""Knots that a cluster has at most."""
-COMPONENTS, LEFT = 120, 1e-4
-"""Principal components of a cluster at most, and the part of the variance that others may have."""
-WIDEST = 3.0
-"""Usual intervals between samples, beyond which there is a gap."""
-PIECES = 3.0
-"""Instants in an interval of the knots."""
+APART = 24.0  # Knots between neighbouring instants of two clusters
+LONGEST = 240  # Knots that a cluster has at most
+COMPONENTS, LEFT = 120, 1e-4  # Principal components of a cluster at most, and the part of the variance that others may have
+WIDEST = 3.0  # Usual intervals between samples, beyond which there is a gap
+PIECES = 3.0  # Instants in an interval of the knots
 NAMES_OF_ROWS = ("residual_mm", "iterations", "status", "cause", "cable", "worst_pressure_angle_deg", "random", "systematic")
-LEVER_MM = 100.0
-"""Distance at which a turn counts as a displacement."""
+LEVER_MM = 100.0  # Distance at which a turn counts as a displacement
 
 
 def clusters(curve: Curve, time_s: FloatArray) -> IntArray:
@@ -133,21 +125,8 @@ class ErrorsOfCurve:
         alone = np.bincount(of)[of] == 1
         if alone.all() and len(of):
             own, local = symmetric_root(own @ np.swapaxes(own, 1, 2) + local @ np.swapaxes(local, 1, 2)), local[:, :, :0]
-        errors = PoseErrors(
-            own[back],
-            local[back],
-            of[back],
-            curve.at(time_s, rates=0).shared[:, 0][back],
-            joint=True,
-            counted=tuple(name in OF_COUNTERS for name in curve.sources),
-            sources=tuple(self._source(*each) for each in zip(curve.sources, curve.assumed, strict=True)),
-        )
+        shared, counted = curve.at(time_s, rates=0).shared[:, 0], tuple(name in OF_COUNTERS for name in curve.sources)
+        sources = tuple(source_of(*each) for each in zip(curve.sources, curve.assumed, strict=True))
+        errors = PoseErrors(own[back], local[back], of[back], shared[back], joint=True, counted=counted, sources=sources)
         names = dict.fromkeys(curve.sources)
         return errors, message("covers.curve", sources=(message("source.counts"), *(name_of_source(name) for name in names)))
-
-    @staticmethod
-    def _source(name: str, assumed: str) -> ErrorSource:
-        if assumed:
-            size = TYPICAL_SIZES[assumed]
-            return ErrorSource(message("source.assumed", what=size.what), *size.in_unit)
-        return ErrorSource(name_of_source(name), COUNT, "count") if name == PHASE else ErrorSource(name_of_source(name))

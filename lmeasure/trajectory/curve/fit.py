@@ -36,17 +36,8 @@ import scipy
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Slerp
 
+from lmeasure import kernels
 from lmeasure.core import FloatArray, Status, TrajectoryError, se3, symmetric_root
-from lmeasure.kernels import (
-    add_spline_prior,
-    band_inverse,
-    changes_from_counts,
-    spline_differences,
-    spline_equations,
-    spline_moved,
-    spline_steps,
-    variances_of_differences,
-)
 from lmeasure.recording import Run
 from lmeasure.sensors import Lengths, rounding_variance
 from lmeasure.text import Message, message
@@ -58,43 +49,28 @@ from lmeasure.trajectory.reconstruction.screw_method import Reconstruction, zero
 from lmeasure.trajectory.time.passes import Alignment, align
 from lmeasure.trajectory.uncertainty.sources import Situation, Source
 
-DIFFERENCES = 4
-"""Of the control poses, that are white: snap."""
-BELL = 2.0
-"""Knots, one standard deviation, over which the size of the snap is estimated."""
-ANYWHERE = 1e-5
-"""Of the weight of that estimate: the whole run's."""
+DIFFERENCES = 4  # Of the control poses, that are white: snap
+BELL = 2.0  # Knots, one standard deviation, over which the size of the snap is estimated
+ANYWHERE = 1e-5  # Of the weight of that estimate: the whole run's
 ROUNDS, ESTIMATES, SETTLED = 20, 12, 1e-5
 """Most rounds of Gauss-Newton, those in which the size of the snap is estimated, and the mean squared part of an unknown in the last step,
 in standard uncertainties. A size that the readings hardly show wanders on without changing the curve: it is taken as it is then."""
-STIFFEST = 1e-10
-"""Of the variance that a control pose has by its readings: the least of a fourth difference."""
-TRIES = 3
-"""Spacings, each half of the one before, that are tried where the chosen one has no solution."""
+STIFFEST = 1e-10  # Of the variance that a control pose has by its readings: the least of a fourth difference
+TRIES = 3  # Spacings, each half of the one before, that are tried where the chosen one has no solution
 STRAIGHT_MM, LEVER_MM = 0.1, 1000.0
 """Move, of a turn at this lever, up to which the equations are followed by their own slopes: readings bend by some 5e-6 mm
 there. Equations of clocks are made anew, since they bend with the acceleration."""
-SMOOTHINGS = 3
-"""Estimates of the snap in each round."""
-CHOSEN_BY = 3000
-"""Samples by which the spacing is chosen."""
-WIDEST = 8
-"""Intervals that the run, or that part, has at least."""
-FARTHEST = 2
-"""Spacings worse than the best after which no finer one is tried."""
-ALIKE = 10.0
-"""Logarithm of the evidence by which a spacing may be worse than the best: it is halved."""
+SMOOTHINGS = 3  # Estimates of the snap in each round
+CHOSEN_BY = 3000  # Samples by which the spacing is chosen
+WIDEST = 8  # Intervals that the run, or that part, has at least
+FARTHEST = 2  # Spacings worse than the best after which no finer one is tried
+ALIKE = 10.0  # Logarithm of the evidence by which a spacing may be worse than the best: it is halved
 CHUNK = 4096
-U_CLOCK_RATE = 1e-4
-"""Of a clock whose rate nobody states: that of a quartz in its worst climate."""
-BRIDGED_MM = 1.0
-"""Standard uncertainty of the position up to which a gap is bridged."""
-HELD = 1e24
-"""Weight of what a constraint holds."""
-BEYOND = 4.0
-"""Standard uncertainties of the stamps by which a curve goes on beyond the first and the last."""
-UNSEEN = 0.9
-"""Of the standard uncertainty of a clock before the run: what is left where the run shows nothing of it."""
+U_CLOCK_RATE = 1e-4  # Of a clock whose rate nobody states: that of a quartz in its worst climate
+BRIDGED_MM = 1.0  # Standard uncertainty of the position up to which a gap is bridged
+HELD = 1e24  # Weight of what a constraint holds
+BEYOND = 4.0  # Standard uncertainties of the stamps by which a curve goes on beyond the first and the last
+UNSEEN = 0.9  # Of the standard uncertainty of a clock before the run: what is left where the run shows nothing of it
 
 
 @dataclass(frozen=True)
@@ -136,11 +112,11 @@ class Control:
 
     def differences(self) -> FloatArray:
         """Return (K - 4, 6) fourth differences, of turns in the chart about the middle one."""
-        return np.asarray(spline_differences(self.points, self.turns, _SIGNS))
+        return np.asarray(kernels.spline_differences(self.points, self.turns, _SIGNS))
 
     def moved(self, by: FloatArray) -> None:
         """Move the control poses by displacements (K, 6)."""
-        self.points, self.turns = spline_moved(self.points, self.turns, by)
+        self.points, self.turns = kernels.spline_moved(self.points, self.turns, by)
 
 
 Equations = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float]
@@ -185,12 +161,6 @@ class Fit:
         self.names = tuple(name for source in sources for name in source.names)
         self.origins = budget.supposed if budget.estimate is None else budget.estimate.mean
 
-    def _first_variables(self) -> FloatArray:
-        """What the variables are before the run is looked at as a curve."""
-        variables = np.zeros(len(self.names) + 2 * self.late.shape[1])
-        variables[len(self.names) - len(self.origins) : len(self.names)] = self.origins
-        return variables
-
     def begin(self) -> Control:
         """Return control poses on the run's poses sample by sample (Schoenberg), straight on beyond its ends."""
         known = np.isfinite(self.readings.poses[:, 0])
@@ -203,7 +173,9 @@ class Fit:
         first, last = ((poses[b, :3] - poses[a, :3]) / (times[b] - times[a]) for a, b in ((0, near), (-1 - near, -1)))
         points += np.where(beyond < 0.0, beyond * first, beyond * last)
         turns = np.asarray(Slerp(times, se3.rotation(poses))(inside).as_quat())
-        control = Control(points, turns, np.empty((0, 6)), self._first_variables())
+        variables = np.zeros(len(self.names) + 2 * self.late.shape[1])
+        variables[len(self.names) - len(self.origins) : len(self.names)] = self.origins
+        control = Control(points, turns, np.empty((0, 6)), variables)
         control.snap = np.tile(np.maximum((control.differences() ** 2).mean(axis=0), 1e-30), (self.knots - DIFFERENCES, 1))
         return control
 
@@ -230,31 +202,16 @@ class Fit:
         S, s, total = np.zeros((b, b)), np.zeros(b), 0.0
         own, cumulative = tables(self.spacing_s)
         turns, middle = control.turns, readings.middle_s
-        steps = np.asarray(spline_steps(turns))
+        steps = np.asarray(kernels.spline_steps(turns))
         for few, shared in self._chunks():
             times = readings.times[few]
             if c:
                 times = times + self.late @ z[b0 : b0 + c] + (times - middle) * (self.slow @ z[b0 + c :])
             changes = readings.changes[few] - shared @ z[:b0] if b0 else readings.changes[few]
-            total += spline_equations(
-                self.rows,
-                self.zero,
-                np.ascontiguousarray(changes),
-                np.ascontiguousarray(np.clip(times, self.begin_s, self.end_s)),
-                1.0 / readings.variance[few],
-                (self.begin_s, self.spacing_s),
-                (own[:2], cumulative[:2]),
-                control.points,
-                turns,
-                steps,
-                shared,
-                (self.late, self.slow, middle),
-                N,
-                g,
-                X,
-                S,
-                s,
-            )
+            at = np.ascontiguousarray(np.clip(times, self.begin_s, self.end_s))
+            read = self.rows, self.zero, np.ascontiguousarray(changes), at, 1.0 / readings.variance[few]
+            curve = (self.begin_s, self.spacing_s), (own[:2], cumulative[:2]), control.points, turns, steps
+            total += kernels.spline_equations(*read, *curve, shared, (self.late, self.slow, middle), N, g, X, S, s)
         return N, g, X, S, s, total
 
     def solve(self, control: Control, rounds: int = ROUNDS) -> Solution:
@@ -287,7 +244,7 @@ class Fit:
         floor = STIFFEST / np.maximum(N[:, 0].reshape(K, 6).mean(axis=0), 1e-30)
         difference, by_variance = control.differences(), 1.0 / np.maximum(control.snap, floor)
         A, right = N.copy(), g.copy()
-        add_spline_prior(_SIGNS, by_variance, difference, A, right)
+        kernels.add_spline_prior(_SIGNS, by_variance, difference, A, right)
         right.reshape(K, 6)[:, self.held] = 0.0
         A.reshape(K, 6, width)[:, self.held, 0] += HELD
         factor, failed = scipy.linalg.lapack.dpbtrf(A.T, lower=1)
@@ -296,7 +253,7 @@ class Fit:
         Y = scipy.linalg.lapack.dpbtrs(factor, np.column_stack([right, X]), lower=1)[0]
         step, Y = Y[:, 0], Y[:, 1:]
         left = np.ascontiguousarray(factor.T)
-        band = np.asarray(band_inverse(left))
+        band = np.asarray(kernels.band_inverse(left))
         evidence = -0.5 * (total + (by_variance * difference**2).sum() - step @ right)
         evidence += 0.5 * np.log(by_variance).sum() - np.log(left[:, 0]).sum()
         # of polynomials, which the prior leaves alone, coefficients by time are alike for all spacings
@@ -320,7 +277,7 @@ class Fit:
     def _snap(difference: FloatArray, step: FloatArray, band: FloatArray, by_variance: FloatArray) -> FloatArray:
         """Return the variances (K - 4, 6) of the fourth differences by the evidence, from those before a step and its covariance."""
         rows = len(difference)
-        variance, after = np.asarray(variances_of_differences(_SIGNS, band, rows)), difference.copy()
+        variance, after = np.asarray(kernels.variances_of_differences(_SIGNS, band, rows)), difference.copy()
         for i, di in enumerate(_SIGNS):
             after += di * step[i : rows + i]
         square, known = after**2, np.clip(1.0 - variance * by_variance, 1e-9, 1.0)
@@ -388,7 +345,7 @@ def readings_of(reconstruction: Reconstruction, lengths: Lengths, trajectory: Tr
         times, beyond = lengths.frames
         counts, u_mm = lengths.counts + beyond, None
         rows = rig.cable_rows(rig.observed)
-        changes = changes + changes_from_counts(rows, np.ascontiguousarray(counts)) - lengths.change_mm
+        changes = changes + kernels.changes_from_counts(rows, np.ascontiguousarray(counts)) - lengths.change_mm
         u_clock_s = 0.0 if lengths.u_time_s is None else float(np.sqrt(np.mean(lengths.u_time_s**2)))
         u_mm = jitter_of(times) * budget.speed_mm_s(lengths)
     rounding, middle = rounding_variance(rig, rig.observed), 0.5 * float(times.min() + times.max())
@@ -427,23 +384,11 @@ def curve_of(readings: Readings, spacing_s: float | None = None) -> Curve:
         mine = slice(b0 + i * c, b0 + (i + 1) * c)
         seen[name] = of @ control.variables[mine] if c else np.empty(0)
         seen[f"u_{name}"] = np.sqrt(np.einsum("ij,jk,ik->i", of, solution.covariance[mine, mine], of)) if c else np.empty(0)
-    shared = solution.shared
     sources = (*fit.names, *("clock offset",) * c, *("clock rate",) * c)
-    return Curve(
-        fit.begin_s,
-        fit.end_s,
-        fit.spacing_s,
-        control.points,
-        control.turns,
-        solution.band,
-        solution.factor,
-        shared,
-        sources,
-        (*(key for source in fit.sources for key in source.assumed or ("",) * len(source.names)), *("",) * (2 * c)),
-        readings.lengths.cables,
-        **seen,
-        u_before_s=float(np.linalg.norm(fit.late, axis=1).max(initial=0.0)),
-    )
+    keys = (*(key for source in fit.sources for key in source.assumed or ("",) * len(source.names)), *("",) * (2 * c))
+    solved = control.points, control.turns, solution.band, solution.factor, solution.shared
+    u_before_s = float(np.linalg.norm(fit.late, axis=1).max(initial=0.0))
+    return Curve(fit.begin_s, fit.end_s, fit.spacing_s, *solved, sources, keys, readings.lengths.cables, **seen, u_before_s=u_before_s)
 
 
 def reconstruct_curve(

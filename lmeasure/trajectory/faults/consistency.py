@@ -7,18 +7,15 @@ question: which cable, left out, explains them all? A set of cables explains ala
 together, at 1e-3; it is left out when no other set of its size does. Where several explain them, or none, nobody can tell which is wrong
 and the samples are inconsistent. With one cable too many that is always so, for any one of them explains anything.
 
-`spans` finds from when and until when. Where none explains the alarms the whole run is in doubt.
-
-`RunSamples` keeps some samples of a run, evenly spread over it.
-
-An alarm comes late where an error grows, and an error that stays hides
-wherever the geometry does not show it. So a doubt reaches back to the last epoch, and on to the first of some, at which every cable in
-question is seen to agree, by a standard uncertainty that would show the error it has at the alarms.
+An alarm comes late where an error grows, and an error that stays hides wherever the geometry does not show it. So a doubt reaches back to
+the last epoch, and on to the first of some, at which every cable in question is seen to agree, by a standard uncertainty that would show
+the error it has at the alarms. Where no cable explains the alarms the whole run is in doubt.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import scipy
@@ -31,16 +28,13 @@ from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts
 from lmeasure.trajectory.faults.redundancy import Epochs, Parities, Redundancy
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
 
-AGREES = 2.0
-"""Standard uncertainties within which a cable agrees."""
+AGREES = 2.0  # Standard uncertainties within which a cable agrees
 SHOWS = (3.0, 30.0)
 """Times its standard uncertainty a cable's error must be, half of what it is at the alarms within these bounds, for an agreement to speak
 against it."""
 AGAIN_S = 0.1
-AGAIN = 5
-"""Samples, and for so long, a cable must agree again."""
-MOSTLY = 0.8
-"""Of those samples: one of twenty lies beyond two standard uncertainties."""
+AGAIN = 5  # Samples, and for so long, a cable must agree again
+MOSTLY = 0.8  # Of those samples: one of twenty lies beyond two standard uncertainties
 
 
 def spans(time_s: FloatArray, alarms: IntArray, error: FloatArray, u: FloatArray) -> list[tuple[int, int]]:
@@ -95,34 +89,24 @@ class RunSamples:
 
 def joined(pieces: list[Epochs]) -> Epochs:
     """One behind the other."""
-
-    def of(name: str) -> FloatArray | None:
-        values = [getattr(piece, name) for piece in pieces]
-        return None if values[0] is None else np.concatenate(values)
-
-    return Epochs(**{name: of(name) for name in Epochs.__dataclass_fields__})  # type: ignore[arg-type]
+    every = {name: [vars(piece)[name] for piece in pieces] for name in vars(pieces[0])}
+    whole: dict[str, Any] = {name: None if values[0] is None else np.concatenate(values) for name, values in every.items()}
+    return Epochs(**whole)
 
 
-SIGNIFICANCE = 1e-3
-"""Of a run: that a sound one gives an alarm, and that an explanation which is right is refuted."""
+SIGNIFICANCE = 1e-3  # Of a run: that a sound one gives an alarm, and that an explanation which is right is refuted
 HARDLY = 1e-6
 """Of an explanation that is the only one left: the tails of a calibration's law are not known so well that it should be refuted."""
-JUDGED = 40
-"""Alarms by which explanations are judged, the strongest among them."""
-APART_S = 1.0
-"""Without an alarm, between alarms that are explained one by one where nothing explains them all."""
-WORTH = 0.05
-"""Chance, by the normal law, of the largest contradiction of some channels from which the law of their rounding is worked out."""
+JUDGED = 40  # Alarms by which explanations are judged, the strongest among them
+APART_S = 1.0  # Without an alarm, between alarms that are explained one by one where nothing explains them all
+WORTH = 0.05  # Chance, by the normal law, of the largest contradiction of some channels from which the law of their rounding is worked out
 PROVES = 5.0
 """Standard uncertainties within which a cable's error must be everywhere, and within half of them where it is known best, to be none."""
-BACK_MM = 0.05
-"""Standard uncertainty of an error up to which redundant cables prove an origin."""
-MOST_EPOCHS = 2**17
-"""Kept of a run: of a longer one, of several neighbours the one that contradicts itself most."""
+BACK_MM = 0.05  # Standard uncertainty of an error up to which redundant cables prove an origin
+MOST_EPOCHS = 2**17  # Kept of a run: of a longer one, of several neighbours the one that contradicts itself most
 SUSPECT = 1e-4
 """Chance, by an upper bound of chi-squared and the normal law, from which a sample's contradictions are worked out to be compared."""
-ON_THE_WAY = 2000
-"""Epochs by which a run is followed to its alarms."""
+ON_THE_WAY = 2000  # Epochs by which a run is followed to its alarms
 ROUNDS = 40
 IN_TIME = {
     "cable.left_out": "cables.left_out",
@@ -137,14 +121,6 @@ Solve = Callable[[FloatArray], FloatArray]
 """(n, 7) poses of a run from its start by changes (n, m) of the cables, NaN for one that is not used."""
 
 
-@dataclass(frozen=True)
-class _Explained:
-    """Cables that explain alarms, each by itself or as the set that is left out; certain: no other set does."""
-
-    cables: tuple[int, ...]
-    certain: bool
-
-
 class Consistency:
     """Judges a run by its epochs, which it changes: what is found wrong is not used any more. samples: of the whole run."""
 
@@ -157,19 +133,14 @@ class Consistency:
     def judged(self, before: Doubts) -> Doubts:
         """What is in doubt of the run: before, and beside it what its cables say of each other."""
         every = list(before.every)
-        for _ in range(ROUNDS):
+        for number in range(ROUNDS + 1):
             poses = self._solve(self._epochs.change_mm)
             parities = self._redundancy.parities(self._epochs, poses)
             alarms = self._alarms(parities, poses)
             if not len(alarms):
                 break
-            every += self._doubts(alarms, parities)
-        else:
-            # so many faults one after the other: whatever still contradicts itself is nobody's
-            poses = self._solve(self._epochs.change_mm)
-            parities = self._redundancy.parities(self._epochs, poses)
-            alarms = self._alarms(parities, poses)
-            every += self._inconsistent((), alarms, parities) if len(alarms) else []
+            # so many faults one after the other: whatever still contradicts itself then is nobody's
+            every += self._doubts(alarms, parities) if number < ROUNDS else self._inconsistent((), alarms, parities)
         notes = list(before.notes)
         every, proved = self._proved(every)
         # what was said of an origin that is right, by itself or with what came of it
@@ -197,17 +168,15 @@ class Consistency:
 
     def _doubts(self, alarms: IntArray, parities: Parities) -> list[Doubt]:
         """What becomes of alarms: all of them by one explanation, else the first of them by one."""
-        explained = self._explained(alarms, parities)
-        if not explained.cables:
-            gaps = np.flatnonzero(np.diff(self._epochs.time_s[alarms]) > APART_S)
-            if len(gaps):
-                alarms = alarms[: gaps[0] + 1]
-                explained = self._explained(alarms, parities)
-        if explained.certain:
-            return self._left_out(explained.cables, alarms)
-        return self._inconsistent(explained.cables, alarms, parities)
+        cables, certain = self._explained(alarms, parities)
+        gaps = np.flatnonzero(np.diff(self._epochs.time_s[alarms]) > APART_S)
+        if not cables and len(gaps):
+            alarms = alarms[: gaps[0] + 1]
+            cables, certain = self._explained(alarms, parities)
+        return self._left_out(cables, alarms) if certain else self._inconsistent(cables, alarms, parities)
 
-    def _explained(self, alarms: IntArray, parities: Parities) -> _Explained:
+    def _explained(self, alarms: IntArray, parities: Parities) -> tuple[tuple[int, ...], bool]:
+        """Cables that explain alarms, each by itself or as the set that is left out, and whether no other set does."""
         chi = parities.chi_squared[alarms]
         strongest = alarms[np.argsort(-chi, kind="stable")[: JUDGED // 2]]
         spread = alarms[np.unique(np.linspace(0, len(alarms) - 1, JUDGED // 2).round().astype(np.intp))]
@@ -224,10 +193,10 @@ class Consistency:
             for level in (SIGNIFICANCE, HARDLY):
                 standing = [cables for cables, chance in zip(sets, chances, strict=True) if chance >= level]
                 if len(standing) == 1:
-                    return _Explained(standing[0], True)
+                    return standing[0], True
                 if standing:
-                    return _Explained(tuple(sorted({j for cables in standing for j in cables})), False)
-        return _Explained(tuple(usable.tolist()) if spare == 1 else (), False)
+                    return tuple(sorted({j for cables in standing for j in cables})), False
+        return tuple(usable.tolist()) if spare == 1 else (), False
 
     def _chances(self, sets: list[tuple[int, ...]], chosen: IntArray) -> list[float]:
         """Of each set of cables, the chance that the others contradict each other as much as they do at the chosen epochs."""
@@ -316,12 +285,8 @@ class Consistency:
     def _inconsistent(self, cables: tuple[int, ...], alarms: IntArray, parities: Parities) -> list[Doubt]:
         names = [self._rig.observed[j].name for j in cables]
         m = self._epochs.change_mm.shape[1]
-        if not cables:
-            said = message("contradiction.none")
-        elif len(names) == m:
-            said = message("contradiction")
-        else:
-            said = message("contradiction.among", cables=" or ".join(names))
+        among = {"cables": " or ".join(names)} if 0 < len(names) < m else {}
+        said = message(f"contradiction{'.among' if among else '' if names else '.none'}", **among)
         error, u = parities.errors
         chosen = list(cables) or list(range(m))
         found = spans(self._epochs.time_s, alarms, error[:, chosen], u[:, chosen]) if cables else [(0, len(error) - 1)]

@@ -12,11 +12,7 @@ long enough for whole counts not to matter; twice its largest value is allowed f
 
 A channel that stops or runs off from one sample to the next while the others go on evenly does not follow either: its change of speed is
 held against the same A. One that all cables share is the robot's. Nor does a channel that stands on one count while another cable of the
-same point is drawn far.
-
-Steps of single channels between samples (`trajectory.faults.continuity` says by what they are reported): where one may be, and how large.
-
-Channels that stand on one count while their attachment point is drawn far: an encoder that died, a cable that hangs.
+same point is drawn far: its encoder died, or the cable hangs.
 """
 
 from collections.abc import Iterable
@@ -28,16 +24,11 @@ from lmeasure.core import FloatArray, IntArray, Status
 from lmeasure.rig import Rig
 from lmeasure.sensors import Lengths
 
-STEP_MM = 0.2
-"""A smaller step may be a cable's that sticks and slips."""
-BINS = np.concatenate([[0.0], np.geomspace(1.0, 1e9, 181)])
-"""Accelerations [mm/s^2] up to which they are counted."""
-JITTERED = 4.0
-"""Times the way that a cable goes while stamps are off: both speeds, and the interval itself."""
-AROUND = 6
-"""Samples either way over which a speed is taken that stale counts do not hide."""
-EVEN = 0.02
-"""Of an interval by which stamps of rows that are not there may differ from whole intervals."""
+STEP_MM = 0.2  # A smaller step may be a cable's that sticks and slips
+BINS = np.concatenate([[0.0], np.geomspace(1.0, 1e9, 181)])  # Accelerations [mm/s^2] up to which they are counted
+JITTERED = 4.0  # Times the way that a cable goes while stamps are off: both speeds, and the interval itself
+AROUND = 6  # Samples either way over which a speed is taken that stale counts do not hide
+EVEN = 0.02  # Of an interval by which stamps of rows that are not there may differ from whole intervals
 HOLE = 2.5  # usual intervals: a longer one is a gap
 SMALLEST_COUNTS = 2.0  # by which rounding alone may miss the interval
 
@@ -163,8 +154,7 @@ MOST_MM = 5.0
 MOST = 2.0
 """From sample to sample a cable is drawn by so much at most, or by so many times the second most of all cables; what is more is a step."""
 MOVES_MM = 5.0
-MOVING = 3
-"""Cables that move at least so much, when the tool does."""
+MOVING = 3  # Cables that move at least so much, when the tool does
 
 
 @dataclass(frozen=True)
@@ -220,20 +210,14 @@ class StandingFinder:
         for number in np.flatnonzero(lasting).tolist():
             begin, end = int(edges[number]), int(edges[number + 1])
             if number:
-                self._begin(j, float(time_s[begin]))
+                self._since[j], self._told[j] = time_s[begin], False
+                self._low[j], self._high[j] = np.inf, -np.inf
             if end > begin:
                 self._go_on(j, time_s[begin:end], gone[begin:end])
             if self._told[j] and end < len(time_s):
+                k = max(i for i, stood in enumerate(self._found) if stood.cable == j)
                 # the last sample at which it stood may be one of the piece before
-                self._end(j, float(time_s[end - 1]) if end else float(self._last_s[j]))
-
-    def _end(self, j: int, time_s: float) -> None:
-        k = max(i for i, stood in enumerate(self._found) if stood.cable == j)
-        self._found[k] = replace(self._found[k], until_s=time_s)
-
-    def _begin(self, j: int, time_s: float) -> None:
-        self._since[j], self._told[j] = time_s, False
-        self._low[j], self._high[j] = np.inf, -np.inf
+                self._found[k] = replace(self._found[k], until_s=float(time_s[end - 1] if end else self._last_s[j]))
 
     def _go_on(self, j: int, time_s: FloatArray, mm: FloatArray) -> None:
         if self._told[j]:
@@ -254,31 +238,21 @@ class StandingFinder:
         return tuple(sorted(self._found, key=lambda stood: stood.after_s))
 
 
-STRIDES = (1, 2)
-"""Of samples: a count that was lost half-way between two samples, or was interpolated, is spread over two."""
-MARGIN = 2.0
-"""Times the acceleration of the motion: what its hardest stop has more."""
+STRIDES = (1, 2)  # Of samples: a count that was lost half-way between two samples, or was interpolated, is spread over two
+MARGIN = 2.0  # Times the acceleration of the motion: what its hardest stop has more
 WINDOWS_S = (0.02, 0.005)
 """Over which accelerations are taken: whole counts of 0.012 mm then are 0.1 and 2 m/s^2. The first is that of the motion."""
-RUSH = 5.0
-"""Times the acceleration of the motion from which a single channel that changes its speed does not follow it."""
-ALONE = 8.0
-"""Times as much as the others change theirs together (root mean square)."""
-GOING_MM_S = 5.0
-"""Speed of another cable, before and behind, from which the tool is known to be on its way."""
-BRIDGED_S = 0.1
-"""Within which a channel that comes back to where it would be anyway has lost nothing."""
-SHARED = 0.25
-"""Of the largest step that may be left of the steps of all channels where the clock stepped, or their counts were held."""
-HABITS_EVERY = 4
-"""Samples of which one is looked at for what is usual."""
+RUSH = 5.0  # Times the acceleration of the motion from which a single channel that changes its speed does not follow it
+ALONE = 8.0  # Times as much as the others change theirs together (root mean square)
+GOING_MM_S = 5.0  # Speed of another cable, before and behind, from which the tool is known to be on its way
+BRIDGED_S = 0.1  # Within which a channel that comes back to where it would be anyway has lost nothing
+SHARED = 0.25  # Of the largest step that may be left of the steps of all channels where the clock stepped, or their counts were held
+HABITS_EVERY = 4  # Samples of which one is looked at for what is usual
 STALE = 0.1
 """Of the intervals in which a cable moves: a channel that steps more often does so by nature, as one that is read more often than it
 counts."""
-HELD = 8.0
-"""Intervals for which such a channel holds its counts at most."""
-HABIT = 0.02
-"""Of a run: what a cable does for longer is its habit."""
+HELD = 8.0  # Intervals for which such a channel holds its counts at most
+HABIT = 0.02  # Of a run: what a cable does for longer is its habit
 
 
 @dataclass(frozen=True)
@@ -351,15 +325,11 @@ class ContinuityFinder:
             self._time_s, self._mm_at = time_s, mm
         self._standing.add(lengths.time_s, lengths.gone_on * self._mm)
 
-    @property
-    def _acceleration(self) -> float:
-        return float(self._accelerations[0])
-
     def found(self) -> Continuity:
         """All that the run determined."""
         breaks: list[Break] = []
         clock: set[float] = set()
-        held, acceleration = self._held_s(), np.maximum(self._acceleration, self._usual(0))
+        held, acceleration = self._held_s(), np.maximum(self._accelerations[0], self._usual(0))
         for candidates in self._steps:
             allowed = candidates.allowed_mm + MARGIN * acceleration * candidates.geometry_s2[:, None]
             allowed += held * np.abs(candidates.going_mm_s)
@@ -383,7 +353,8 @@ class ContinuityFinder:
         lost, away = self._bridged(breaks)
         least = STEP_MM + SMALLEST_COUNTS * self._count_mm + MARGIN * acceleration * self._geometry + self._jitter_mm
         least = np.where(self._looked, least, np.inf)
-        return Continuity(tuple(lost), tuple(away), stood, self._acceleration, least, tuple(sorted(clock)), self._jitter_mm.copy())
+        of_motion = float(self._accelerations[0])
+        return Continuity(tuple(lost), tuple(away), stood, of_motion, least, tuple(sorted(clock)), self._jitter_mm.copy())
 
     def _usual(self, number: int) -> FloatArray:
         """(m,) the acceleration of each cable by habit, in all but some hundredths of the run: a tool may have a way along which it
@@ -409,8 +380,7 @@ class ContinuityFinder:
         lost: list[Break] = []
         away: list[Away] = []
         for new in breaks:
-            of_cable = [old for old in lost if old.cable == new.cable]
-            old = of_cable[-1] if of_cable else None
+            old = next((old for old in reversed(lost) if old.cable == new.cable), None)
             if old is not None and new.before_s - old.after_s <= BRIDGED_S and self._took_back(old, new):
                 lost.remove(old)
                 away.append(Away(new.cable, old.before_s, new.after_s))
@@ -423,7 +393,7 @@ class ContinuityFinder:
             return bool(abs(old.by_mm + new.by_mm) <= old.u_mm + new.u_mm)
         gone = new.after_s - old.before_s
         missed = new.length_mm[1] - old.length_mm[0] - gone * (old.speed_mm_s[0] + new.speed_mm_s[1]) / 2.0
-        known = STEP_MM + MARGIN * self._acceleration * gone**2 / 4.0 + new.u_mm
+        known = STEP_MM + MARGIN * self._accelerations[0] * gone**2 / 4.0 + new.u_mm
         return bool(abs(missed) <= known <= abs(new.by_mm) / 2.0)
 
     def _take_jumps(self, lengths: Lengths, time_s: FloatArray, mm: FloatArray, known: int) -> None:

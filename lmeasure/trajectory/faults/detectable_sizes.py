@@ -15,20 +15,15 @@ from lmeasure.kernels import AXIAL, TANGENT, span_lengths, span_rows_of
 from lmeasure.rig import STEEL_PER_K, Rig
 from lmeasure.text import Message, message
 
-FLAT = 0.05
-"""Least singular value of the directions at several positions from which they show a point that moved in any direction."""
+FLAT = 0.05  # Least singular value of the directions at several positions from which they show a point that moved in any direction
 
 CLOSED_COUNTS = 3.0
 CLOSED_MM = 0.1
-CLOSED_SCATTERS = 5.0
-"""Of the difference of two visits: up to these the counts close; the second is what robots drift by."""
-ALONE = 8.0
-"""Times as much as the other channels together (root mean square): a robot that steps moves several cables."""
-REPEATS_MM = 0.02
-"""Repeatability of a robot for which returns are planned, as lengths of cables."""
+CLOSED_SCATTERS = 5.0  # Of the difference of two visits: up to these the counts close; the second is what robots drift by
+ALONE = 8.0  # Times as much as the other channels together (root mean square): a robot that steps moves several cables
+REPEATS_MM = 0.02  # Repeatability of a robot for which returns are planned, as lengths of cables
 SIX = 6
-RETURNS = 3
-"""Positions that are proposed."""
+RETURNS = 3  # Positions that are proposed
 
 
 @dataclass(frozen=True)
@@ -57,12 +52,10 @@ class DetectableSizes:
     @property
     def sizes(self) -> tuple[Message, ...]:
         """Return the sizes of the faults that show."""
-        shown = [message("detectable.lost", mm=self.lost_mm)] if np.isfinite(self.lost_mm) else []
-        shown += [message("detectable.along", mm=self.along_mm)] if np.isfinite(self.along_mm) else []
-        shown += [message("detectable.moved", mm=self.moved_mm)] if np.isfinite(self.moved_mm) else []
-        shown += [message("detectable.warmer", kelvin=self.warmer_k)] if np.isfinite(self.warmer_k) else []
-        shown += [message("detectable.late", ms=1e3 * self.late_s)] if np.isfinite(self.late_s) else []
-        return tuple(shown)
+        lengths = {"lost": self.lost_mm, "along": self.along_mm, "moved": self.moved_mm}
+        sizes = [(kind, "mm", mm) for kind, mm in lengths.items()]
+        sizes += [("warmer", "kelvin", self.warmer_k), ("late", "ms", 1e3 * self.late_s)]
+        return tuple(message(f"detectable.{kind}", **{unit: size}) for kind, unit, size in sizes if np.isfinite(size))
 
 
 def detectable_sizes(

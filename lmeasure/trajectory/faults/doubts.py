@@ -10,8 +10,7 @@ from lmeasure.rig import Rig
 from lmeasure.sensors import Lengths, Reason, with_reasons
 from lmeasure.text import Message
 
-EVERY = -1
-"""Instead of a cable: all of them."""
+EVERY = -1  # Instead of a cable: all of them
 
 
 @dataclass(frozen=True)

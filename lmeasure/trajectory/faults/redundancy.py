@@ -14,16 +14,14 @@ How large the contradictions of sound readings become by chance, rounding being 
 
 A sample's parities, brought to unit covariance, are y = U u + V v with u uniform, of unit variance (the rounding of every reading, and
 where within a count its counter was zeroed), v normal (calibration, clocks, ...), and U U^T + V V^T = 1 (d, d). Of chi-squared = |y|^2 the
-mean is d, but its tail is shorter than the normal law's: sums of a few uniforms end. With g normal (d,), E exp(lambda |y|^2) =
-E exp(sqrt(2 lambda) g.y): so the generating function of the moments of chi-squared follows from that of y, averaged over directions theta
-of the sphere,
+mean is d, but its tail is shorter than the normal law's: sums of a few uniforms end. With g normal (d,), E exp(lambda |y|^2) = E exp(sqrt(2
+lambda) g.y): so the generating function of the moments of chi-squared follows from that of y, averaged over directions theta of the sphere,
 
     B(t) = mean over theta of exp(sum_j log(sinh(s_j)/s_j) + t^2 |V^T theta|^2 / 2),   s_j = sqrt(3) t (U^T theta)_j
     E exp(lambda chi2) = 2^(1 - d/2) / Gamma(d/2) (2 lambda)^(-d/2) integral of t^(d-1) B(t) exp(-t^2 / (4 lambda)) dt
 
-and the chance of a larger one from its logarithm K by the saddlepoint formula of Lugannani and Rice (1980) in the form of
-Barndorff-Nielsen (1986), divided by what the same formula gives for the normal law, whose chance is known: so it is exact where nothing
-is uniform.
+and the chance of a larger one from its logarithm K by the saddlepoint formula of Lugannani and Rice (1980) in the form of Barndorff-Nielsen
+(1986), divided by what the same formula gives for the normal law, whose chance is known: so it is exact where nothing is uniform.
 
 Reliability of redundant channels as geodesists state it (Baarda, A testing procedure for use in geodetic networks, 1968).
 
@@ -43,6 +41,7 @@ from one of k. The smallest that is distinguished from every other is that of th
 from dataclasses import dataclass, replace
 from math import lgamma
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 import scipy
@@ -59,10 +58,8 @@ from lmeasure.trajectory.uncertainty.sources import Situation
 DIRECTIONS = 256
 ARGUMENTS = 120.0 * np.linspace(0.0, 1.0, 401)[1:] ** 2
 LAMBDAS = np.concatenate([np.linspace(0.02, 0.5, 40)[:-1], np.geomspace(0.5, 10.0, 40)])
-CUT = 1e-10
-"""Of the integrand's largest value, at the last argument: beyond it the integral is not all there."""
-LEAST = -80.0
-"""Logarithm of a chance below which nothing is asked."""
+CUT = 1e-10  # Of the integrand's largest value, at the last argument: beyond it the integral is not all there
+LEAST = -80.0  # Logarithm of a chance below which nothing is asked
 
 
 @dataclass(frozen=True)
@@ -152,10 +149,8 @@ def _log_sinhc(s: FloatArray) -> FloatArray:
 
 CHUNK = 2048  # samples whose systematic errors are in memory at once
 TURN = 2.0 * np.pi
-PLACES = 4
-"""Samples of a run, spread over it, at which the chance of contradictions is worked out."""
-UNCONTROLLED = 1e-6
-"""Of a cable's variance that the others must be able to show."""
+PLACES = 4  # Samples of a run, spread over it, at which the chance of contradictions is worked out
+UNCONTROLLED = 1e-6  # Of a cable's variance that the others must be able to show
 
 
 @dataclass(frozen=True)
@@ -177,13 +172,8 @@ class Epochs:
 
     def at(self, index: NDArray[np.intp] | BoolArray | slice) -> "Epochs":
         """Some of them."""
-
-        def some(values: FloatArray | None) -> FloatArray | None:
-            return None if values is None else values[index]
-
-        values = self.time_s, self.change_mm, self.gone_on_mm, self.counts, self.speed_mm_s, self.variance_mm2
-        time_s, change, gone_on, counts, speed, variance = (v[index] for v in values)
-        return Epochs(time_s, change, gone_on, counts, speed, variance, some(self.temperature_c), some(self.travel))
+        some: dict[str, Any] = {name: None if values is None else values[index] for name, values in vars(self).items()}
+        return Epochs(**some)
 
     def excluding(self, cables: list[int]) -> "Epochs":
         """Return the same, nothing of these cables used."""
@@ -381,18 +371,11 @@ def _without_unused(basis: FloatArray, used: BoolArray) -> FloatArray:
     return np.asarray(basis @ turned)[:, :, :kept]
 
 
-ALPHA, POWER = 1e-3, 0.8
-"""Baarda's: of a single sample and channel."""
-SHIFT = NormalDist().inv_cdf(POWER) - NormalDist().inv_cdf(ALPHA / 2.0)
-"""Standard uncertainties of the smallest fault that is found: 4.13."""
-RELIABILITY_PLACES = 64
-"""Samples of a run, spread over it, at which it is worked out."""
-
-
-APART = 1e-9
-"""Of 1 - rho^2 from which two channels are not one."""
-LEAST_WEIGHT = 1e-9
-"""Of a channel's own weight that must be left of it."""
+ALPHA, POWER = 1e-3, 0.8  # Baarda's: of a single sample and channel
+SHIFT = NormalDist().inv_cdf(POWER) - NormalDist().inv_cdf(ALPHA / 2.0)  # Standard uncertainties of the smallest fault that is found: 4.13
+RELIABILITY_PLACES = 64  # Samples of a run, spread over it, at which it is worked out
+APART = 1e-9  # Of 1 - rho^2 from which two channels are not one
+LEAST_WEIGHT = 1e-9  # Of a channel's own weight that must be left of it
 
 
 @dataclass(frozen=True)
@@ -471,7 +454,6 @@ def _largest_fault(rig: Rig, found: Reliability) -> Message:
     effect = np.where(np.isnan(found.effect_mm), -np.inf, found.effect_mm)
     i, j = (int(k) for k in np.unravel_index(int(np.argmax(effect)), effect.shape))
     size = float(found.smallest[i, j])
-    length = observed[j].is_length
     about = {
         "alpha": 100.0 * ALPHA,
         "power": 100.0 * POWER,
@@ -483,15 +465,12 @@ def _largest_fault(rig: Rig, found: Reliability) -> Message:
     }
     if not np.isfinite(size):
         return message("reliability.uncontrolled", channel=names[j], s=float(found.time_s[i]))
-    alike = np.abs(found.correlation)
-    with np.errstate(invalid="ignore"):
-        worst = np.nan_to_num(alike).max(axis=0)
+    worst = np.nan_to_num(np.abs(found.correlation)).max(axis=0)
     np.fill_diagonal(worst, 0.0)
     a, b = (int(k) for k in np.unravel_index(int(np.argmax(worst)), worst.shape))
     pair = {"one": names[min(a, b)], "other": names[max(a, b)], "correlation": float(worst[a, b])}
-    if length:
-        return message("reliability.length", **about, **pair, mm=size)
-    return message("reliability.angle", **about, **pair, deg=float(np.degrees(size)))
+    sized = {"mm": size} if observed[j].is_length else {"deg": float(np.degrees(size))}
+    return message(f"reliability.{'length' if observed[j].is_length else 'angle'}", **about, **pair, **sized)
 
 
 def _smallest_faults(rig: Rig, found: Reliability) -> Message:
@@ -504,8 +483,7 @@ def _smallest_faults(rig: Rig, found: Reliability) -> Message:
             continue
         kind, unit, per = ("length", "mm", 1.0) if o.is_length else ("angle", "deg", float(np.degrees(1.0)))
         size = {f"least_{unit}": float(seen.min()) * per}
-        if np.isinf(seen).any():
-            determined.append(message(f"reliability.apart.{kind}.partly", channel=o.name, **size))
-        else:
-            determined.append(message(f"reliability.apart.{kind}", channel=o.name, **size, **{f"most_{unit}": float(seen.max()) * per}))
+        if np.isfinite(seen).all():
+            size[f"most_{unit}"] = float(seen.max()) * per
+        determined.append(message(f"reliability.apart.{kind}{'' if np.isfinite(seen).all() else '.partly'}", channel=o.name, **size))
     return message("reliability.apart", alpha=100.0 * ALPHA, power=100.0 * POWER, channels=tuple(determined))

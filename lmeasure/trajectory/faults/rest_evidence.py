@@ -5,16 +5,9 @@ shifts one channel, at once, at all places after that moment. With six cables su
 that this one cable sees and no other does: a robot that steps so is far less likely than a counter that slips, but not impossible:
 "suspected".
 
-When a channel is not to be believed, and what proves it right again.
-
 A counter that stepped (`trajectory.faults.continuity`) counts on, from another origin. Its lengths are not used from there on, until
 something shows that the origin is where it was: a rest at a place where the run rested before, or began, at which all the other channels
 are back and this one too. (Redundant cables prove it likewise: `trajectory.faults.consistency`.)
-
-Where a run rests, and which of its rests are visits of one place, determined by the counts alone.
-
-A rest is a mean of lengths. Two rests are of one place when all cables but one agree: six lengths are a pose, and two poses that a robot is
-sent to do not differ by the one twist that a single cable sees; a counter that lost counts does.
 """
 
 from dataclasses import dataclass, field, replace
@@ -30,118 +23,15 @@ from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.continuity import Away, Break, Continuity, ContinuityFinder, Stood
 from lmeasure.trajectory.faults.detectable_sizes import ALONE, CLOSED_COUNTS, CLOSED_MM, CLOSED_SCATTERS
 from lmeasure.trajectory.faults.doubts import NONE, Doubt, Doubts
-from lmeasure.trajectory.faults.reversals import ReversalFinder, Reversals
-
-VISIT_LAG_S = 0.05
-STILL_MM = 0.2  # by which no cable's length changes within VISIT_LAG_S while the robot rests
-LEAST_S = 0.15
-SETTLED = 0.5  # of a rest: its last part is taken, up to VISIT_LAG_S before its end
-LONGEST_S = 60.0  # of a rest that is longer, what is more than two of these before its end is let go
-NEAR_MM = 0.5  # by which cables agree at two visits of one place
-LEAST_CABLES = 4  # of which one may disagree
-
-
-@dataclass(frozen=True)
-class Rests:
-    """N rests in order of time: begin_s, end_s (N,), length_mm (N, m) mean changes of the cables' lengths, from the counts alone."""
-
-    begin_s: FloatArray
-    end_s: FloatArray
-    length_mm: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.begin_s)
-
-    def places(self) -> IntArray:
-        """(N,) the number of the place that each rest is a visit of, from 0 in order of their first visits.
-
-        A rest is held against the last visit of every place, for robots drift and counters slip more than once.
-        """
-        n, m = self.length_mm.shape
-        last = np.empty((n, m))
-        out = np.empty(n, np.int64)
-        known = 0
-        for i, here in enumerate(self.length_mm):
-            apart = np.sort(np.abs(last[:known] - here), axis=1)
-            far = apart[:, -2] if m >= LEAST_CABLES else apart[:, -1]
-            nearest = int(np.argmin(far)) if known else -1
-            if nearest < 0 or not far[nearest] <= NEAR_MM:
-                nearest, known = known, known + 1
-            out[i], last[nearest] = nearest, here
-        return out
-
-
-class RestFinder:
-    """Finds rests in a run that is given in pieces."""
-
-    def __init__(self) -> None:
-        self._time_s: FloatArray | None = None
-        self._length_mm = np.empty((0, 0))
-        self._begun_s: float | None = None  # when the rest began that goes on from the pieces before
-        self._found: list[tuple[float, float, FloatArray]] = []
-
-    def add(self, time_s: FloatArray, length_mm: FloatArray) -> None:
-        """The next samples: times (n,) and changes of length (n, m), NaN where they are not known."""
-        if self._time_s is not None:
-            time_s, length_mm = np.concatenate([self._time_s, time_s]), np.concatenate([self._length_mm, length_mm])
-        kept = self._look(time_s, length_mm, last=False)
-        self._time_s, self._length_mm = time_s[kept:].copy(), length_mm[kept:].copy()
-
-    def rests(self) -> Rests:
-        """All of them, the run having ended."""
-        if self._time_s is not None:
-            self._look(self._time_s, self._length_mm, last=True)
-            self._time_s = None
-        if not self._found:
-            return Rests(np.empty(0), np.empty(0), np.empty((0, self._length_mm.shape[1])))
-        begin, end, lengths = zip(*self._found, strict=True)
-        return Rests(np.array(begin), np.array(end), np.array(lengths))
-
-    def _look(self, time_s: FloatArray, length_mm: FloatArray, *, last: bool) -> int:
-        """Keep the rests that have ended, all of them at last; the sample from which the others must be looked at again."""
-        n = len(time_s)
-        ahead = np.searchsorted(time_s, time_s + VISIT_LAG_S)
-        judged = n if last else int(np.searchsorted(ahead, n))
-        ahead = np.minimum(ahead[:judged], n - 1)
-        with np.errstate(invalid="ignore"):
-            still = (np.abs(length_mm[ahead] - length_mm[:judged]) <= STILL_MM).all(axis=1)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
-        begun, self._begun_s = self._begun_s, None
-        for first, stop in edges.reshape(-1, 2):
-            begin = float(time_s[first]) if first or begun is None else begun
-            if stop == judged and not last:
-                self._begun_s = begin
-                return int(np.searchsorted(time_s, _kept_from(begin, float(time_s[-1]))))
-            self._keep(begin, time_s[first : ahead[stop - 1] + 1], length_mm[first : ahead[stop - 1] + 1])
-        return judged
-
-    def _keep(self, begin: float, time_s: FloatArray, length_mm: FloatArray) -> None:
-        end = float(time_s[-1])
-        if end - begin < LEAST_S:
-            return
-        first = max(_kept_from(begin, end), float(time_s[0]))
-        settled = (time_s >= first + (1.0 - SETTLED) * (end - first)) & (time_s <= end - VISIT_LAG_S)
-        middle = length_mm[settled]
-        middle = middle[~np.isnan(middle).any(axis=1)]
-        if len(middle):
-            self._found.append((begin, end, middle.mean(axis=0)))
-
-
-def _kept_from(begin: float, end: float) -> float:
-    """From when on a rest is looked at: the same whatever the pieces in which it comes."""
-    return begin + max(np.floor((end - begin) / LONGEST_S) - 1.0, 0.0) * LONGEST_S
-
+from lmeasure.trajectory.faults.rests import LEAST_CABLES, NEAR_MM, RestFinder, Rests, ReversalFinder, Reversals
 
 BACK_COUNTS = 3.0
 BACK_MM = 0.1
 BACK_SCATTERS = 3.0
 """Of the other channels at the two visits (root mean square), between these bounds: up to this a channel is back where it was."""
-MOST_NOTES = 12
-"""Notes of a run's counters that a reader is asked to read."""
-STILL_MM_S2 = 1e-6
-"""An acceleration below it is rounding of numbers: samples 1 s apart would show 1e-6 mm of it."""
-COARSE_MM = 1.0
-"""A step of a channel that would not be seen is said to be one that sampling is too slow for from this size on."""
+MOST_NOTES = 12  # Notes of a run's counters that a reader is asked to read
+STILL_MM_S2 = 1e-6  # An acceleration below it is rounding of numbers: samples 1 s apart would show 1e-6 mm of it
+COARSE_MM = 1.0  # A step of a channel that would not be seen is said to be one that sampling is too slow for from this size on
 
 
 def doubts_of(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
@@ -171,10 +61,8 @@ def doubts_of(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
             notes.append(message("origin.back", what=doubt.said, at_s=proof))
     if continuity.clock_s:
         determined = ", ".join(f"{t:.6g}" for t in continuity.clock_s[:3])
-        more = len(continuity.clock_s) - 3
-        notes.append(
-            message("clock.stepped.often", after_s=determined, more=more) if more > 0 else message("clock.stepped", after_s=determined)
-        )
+        more = {"more": len(continuity.clock_s) - 3} if len(continuity.clock_s) > 3 else {}
+        notes.append(message(f"clock.stepped{'.often' if more else ''}", after_s=determined, **more))
     if len(notes) > MOST_NOTES:
         notes = [*notes[:MOST_NOTES], message("counts.more", more=len(notes) - MOST_NOTES)]
     return Doubts(tuple(every), tuple(notes))
@@ -185,10 +73,8 @@ def unseen_steps(rig: Rig, continuity: Continuity) -> Message:
     blind = np.flatnonzero(np.isinf(continuity.least_mm))
     if len(blind) == len(rig.cable):
         return message("steps.none")
-    seen = _seen(rig, continuity)
-    if not len(blind):
-        return seen
-    return message("steps.seen.but", seen=seen, channels=", ".join(dict.fromkeys(rig.cable[j].channel for j in blind)))
+    seen, channels = _seen(rig, continuity), ", ".join(dict.fromkeys(rig.cable[j].channel for j in blind))
+    return message("steps.seen.but", seen=seen, channels=channels) if len(blind) else seen
 
 
 def _seen(rig: Rig, continuity: Continuity) -> Message:
@@ -209,25 +95,19 @@ def _of_moments(rig: Rig, away: tuple[Away, ...]) -> list[Message]:
     notes = []
     for j in sorted({a.cable for a in away}):
         mine = [a.after_s for a in away if a.cable == j]
-        determined = {"channel": rig.cable[j].channel, "after_s": mine[0]}
-        notes.append(
-            message("channel.elsewhere.often", **determined, times=len(mine))
-            if len(mine) > 1
-            else message("channel.elsewhere", **determined)
-        )
+        times = {"times": len(mine)} if len(mine) > 1 else {}
+        notes.append(message(f"channel.elsewhere{'.often' if times else ''}", channel=rig.cable[j].channel, after_s=mine[0], **times))
     return notes
 
 
 def _for_a_moment(rig: Rig, away: Away) -> Doubt:
-    channel = rig.cable[away.cable].channel
+    said = message("channel.elsewhere.then", channel=rig.cable[away.cable].channel)
     # the sample at until_s is the first that is right again
-    until = float(np.nextafter(away.until_s, -np.inf))
-    return Doubt(away.cable, away.after_s, until, Status.JUMP, message("channel.elsewhere.then", channel=channel))
+    return Doubt(away.cable, away.after_s, float(np.nextafter(away.until_s, -np.inf)), Status.JUMP, said)
 
 
 def _stood(rig: Rig, stood: Stood) -> Doubt:
-    channel = rig.cable[stood.cable].channel
-    said = message("channel.stands", channel=channel, from_s=stood.after_s)
+    said = message("channel.stands", channel=rig.cable[stood.cable].channel, from_s=stood.after_s)
     return Doubt(stood.cable, stood.after_s, stood.until_s, Status.ORIGIN_LOST, said)
 
 
@@ -278,23 +158,16 @@ class _Places:
         return None
 
 
-SIGNIFICANCE = 1e-3
-"""Of a run: shared by all channels and all moments at which counts may have been lost (Bonferroni)."""
-LEAST_COUNTS = 5.0
-"""A step that is smaller is not determined from the robot's."""
-SCATTERS = 3.0
-"""Or smaller than this many scatters of single visits."""
+SIGNIFICANCE = 1e-3  # Of a run: shared by all channels and all moments at which counts may have been lost (Bonferroni)
+LEAST_COUNTS = 5.0  # A step that is smaller is not determined from the robot's
+SCATTERS = 3.0  # Or smaller than this many scatters of single visits
 AT_ONCE = 0.5
 """Of a step must lie between the two visits of each place next to it, beyond what lies between others near: a drift is spread over all."""
-TRENDED = 6
-"""Degrees of freedom from which a linear drift is taken off."""
-DETERMINED = 3
-"""Changes from visit to visit from which their scatter is determined."""
+TRENDED = 6  # Degrees of freedom from which a linear drift is taken off
+DETERMINED = 3  # Changes from visit to visit from which their scatter is determined
 MOST_STEPS = 12
-MOST_RETURNS = 32
-"""Most positions visited again whose cable directions are computed."""
-TERMS = 8
-"""Of the series of a closure that was lost at an unknown moment."""
+MOST_RETURNS = 32  # Most positions visited again whose cable directions are computed
+TERMS = 8  # Of the series of a closure that was lost at an unknown moment
 
 SUSPECTED = "counts.suspected"
 """Of the cause of a sample whose pose is there but hangs on counts that may be wrong."""
@@ -384,10 +257,8 @@ class Evidence:
 
     def late_lengths(self, speed_mm_s: FloatArray) -> FloatArray:
         """(n, m, K) errors of the lengths [mm] at speeds (n, m) by channels that are late, a variable of unit variance each."""
-        late = np.flatnonzero(self.late_s)
-        return np.where(
-            np.arange(len(self.closure_mm))[:, None] == late, speed_mm_s[:, : len(self.closure_mm), None] * self.late_s[late], 0.0
-        )
+        late, m = np.flatnonzero(self.late_s), len(self.closure_mm)
+        return np.where(np.arange(m)[:, None] == late, speed_mm_s[:, :m, None] * self.late_s[late], 0.0)
 
     def causes(self, time_s: FloatArray, unused: BoolArray) -> list[tuple[BoolArray, Message]]:
         """Which of n samples at times (n,) hang on counts that are suspected, and why; unused (n, m): cables that were left out."""
@@ -483,7 +354,7 @@ def _shown_from(limit: FloatArray, differences: list[FloatArray]) -> FloatArray:
 
 def _returned(rests: Rests, recorded: tuple[Recorded, ...]) -> FloatArray:
     """(k, m) changes of length at positions that were visited again, the start included where a recorder saw that counts close."""
-    places = rests.places() if len(rests) else np.empty(0, np.int64)
+    places = rests.places()
     again = [np.flatnonzero(places == place)[0] for place in np.unique(places) if (places == place).sum() > 1][:MOST_RETURNS]
     begun = any(entry.closure_counts for entry in recorded) and not again
     return np.concatenate([rests.length_mm[again], np.zeros((int(begun), rests.length_mm.shape[1]))])
@@ -507,11 +378,9 @@ def _without(steps: tuple[Step, ...], difference: FloatArray, between: tuple[flo
 def _returns(rests: Rests) -> list[tuple[FloatArray, tuple[float, float]]]:
     """For each place that is visited again, that of the first rest first: the lengths (m,) at the last visit less those at the first, and
     the times between which the robot was away."""
-    places = rests.places() if len(rests) else np.empty(0, np.int64)
-    out = []
+    places, out = rests.places(), []
     for place in np.unique(places):
-        visits = np.flatnonzero(places == place)
-        first, last = visits[0], visits[-1]
+        first, last = np.flatnonzero(places == place)[[0, -1]]
         if last > first:
             out.append((rests.length_mm[last] - rests.length_mm[first], (float(rests.end_s[first]), float(rests.begin_s[last]))))
     return out
@@ -557,7 +426,7 @@ def _scatter(rests: Rests, steps: tuple[Step, ...]) -> FloatArray:
     """(m,) standard deviations [mm] of single visits, the suspected steps taken off, by the changes from visit to visit of a place, which a
     slow drift hardly enters; zero where there are too few to tell."""
     values = _without_steps(rests, steps)
-    places = rests.places() if len(rests) else np.empty(0, np.int64)
+    places = rests.places()
     changes = np.concatenate([np.diff(values[places == place], axis=0) for place in np.unique(places)] or [values])
     if len(changes) < DETERMINED:
         return np.zeros(values.shape[1])
@@ -577,8 +446,7 @@ def _within(values: FloatArray, places: IntArray) -> tuple[FloatArray, int]:
 def _steps(rests: Rests, count_mm: FloatArray) -> list[tuple[int, int, int, float]]:
     """Cable, last rest before and first rest behind, and size [mm] of every step that is significant, in order of time."""
     places = rests.places()
-    number = np.bincount(places) if len(places) else np.empty(0, np.int64)
-    again = np.flatnonzero(number[places] > 1) if len(places) else np.empty(0, np.int64)
+    again = np.flatnonzero(np.bincount(places)[places] > 1)
     values, labels = rests.length_mm[again].copy(), places[again]
     m = values.shape[1]
     found: list[tuple[int, int, int, float]] = []

@@ -1,8 +1,7 @@
 """Trajectories that another instrument measured: tables of any usual kind, TUM, EuRoC, motion capture, and messages of ROS.
 
-A format is detected by its whole header, and `--columns` that names the header's columns overrules it. Nothing need be there but times
-and positions. What is not measured is NaN; uncertainties that nobody states are not known, which
-`Trajectory.absent` says, and no zero.
+A format is detected by its whole header, and `--columns` that names the header's columns overrules it. Nothing need be there but times and
+positions. What is not measured is NaN; uncertainties that nobody states are not known, which `Trajectory.absent` says, and no zero.
 """
 
 import re
@@ -12,19 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lmeasure.core import (
-    MAX_LENGTH_MM,
-    WORDS,
-    BoolArray,
-    FileFormatError,
-    FloatArray,
-    IntArray,
-    SettingsError,
-    Status,
-    TrajectoryError,
-    convention,
-    se3,
-)
+from lmeasure import core
+from lmeasure.core import BoolArray, FloatArray, IntArray, Status
 from lmeasure.io import TIMES, UNIT_TOLERANCE, Column, ForeignTable, columns_of, decoded, files, headed, open_regular, text_of
 from lmeasure.text import Message, common, composed, message
 from lmeasure.trajectory.files.markers import LEAST, Marked, body_of, is_of_markers, read_markers
@@ -41,8 +29,9 @@ BAGS = {
     ".db3": "is a ROS 2 bag of SQLite: `mcap convert {name} {stem}.mcap`, or `ros2 bag convert`, makes the .mcap that is read here",
     ".bag": "is a ROS 1 bag: `mcap convert {name} {stem}.mcap` makes the .mcap that is read here",
 }
-REPEATED = 0.01
-"""Of the rows: so many may have the stamp of the row before and another pose; more, and the stamps are too coarse."""
+Uncertain = tuple[FloatArray, FloatArray, tuple[str, ...]]
+"""(n, 6, 6) random and systematic covariances, and what of "position" and "rotation" has none."""
+REPEATED = 0.01  # Of the rows: so many may have the stamp of the row before and another pose; more, and the stamps are too coarse
 
 
 @dataclass(frozen=True)
@@ -114,7 +103,7 @@ def read_trajectory(
     stated = replace(stated, angles=angles or stated.angles)
     for name in (stated.angles, stated.likely):
         if name is not None:
-            convention(name)
+            core.convention(name)
     suffix = path.suffix.lower()
     if suffix in (".csv", ".parquet") and not stated.anything:
         table = files.read_table(path) if suffix == ".parquet" else None
@@ -127,7 +116,7 @@ def read_trajectory(
     if kind in ("table", "parquet") or (stated.columns and _is_named(path, kind, stated.columns)):
         return _of_table(path, stated)
     if stated.columns and not stated.of_others and set(stated.columns) != {"body"}:
-        raise SettingsError("columns", message("error.which_says_itself_what", path=path, fixed=_FIXED[kind]))
+        raise core.SettingsError("columns", message("error.which_says_itself_what", path=path, fixed=_FIXED[kind]))
     return _READERS[kind](path, stated)
 
 
@@ -143,23 +132,22 @@ def _of_table(path: Path, stated: Stated, default: Mapping[str, Column] | None =
     """A table; default: which column is which where --columns does not say it."""
     given = ForeignTable(path, {**(default or {}), **(stated.columns or {})}, part=stated.of_others)
     if len(given) == 0:
-        raise FileFormatError(message("error.has_no_rows", where=path))
+        raise core.FileFormatError(message("error.has_no_rows", where=path))
     markers = given.layout.markers
     if not given.layout.bodies and len(markers) >= LEAST and not stated.columns:
         return _of_marked(path, _marked(given), stated)
     time_s = given.numbers("time", "s")
     position = np.column_stack([given.numbers(axis, "mm", gaps=True) for axis in "xyz"])
-    quaternion = given.orientation(convention(stated.angles) if stated.angles else None, likely=stated.likely, gaps=True)
-    random, systematic, absent = _uncertainties(given, stated, quaternion is not None)
+    quaternion = given.orientation(core.convention(stated.angles) if stated.angles else None, likely=stated.likely, gaps=True)
+    uncertain = _uncertainties(given, stated, quaternion is not None)
     status = None
     if "status" in given.columns:
         words = given.text("status")
-        strange = next((i for i, word in enumerate(words) if word not in WORDS), None)
+        strange = next((i for i, word in enumerate(words) if word not in core.WORDS), None)
         if strange is not None:
-            raise FileFormatError(
-                message("error.status_is_not_one", where=given.row(strange), words=words[strange], words2=", ".join(WORDS))
-            )
-        status = np.array([WORDS.index(word) for word in words], dtype=np.int64)
+            known = {"words": words[strange], "words2": ", ".join(core.WORDS)}
+            raise core.FileFormatError(message("error.status_is_not_one", where=given.row(strange), **known))
+        status = np.array([core.WORDS.index(word) for word in words], dtype=np.int64)
     if not stated.of_others:
         given.nothing_else()
     notes = []
@@ -169,14 +157,14 @@ def _of_table(path: Path, stated: Stated, default: Mapping[str, Column] | None =
         notes.append(message("orientation.unread", columns=given.unread))
     if given.day:
         notes.append(message("time.of_day", day=given.day))
-    return _checked(path, _trajectory(time_s, position, quaternion, random, systematic, absent, status), given.lines, notes)
+    return _checked(path, _trajectory(time_s, position, quaternion, uncertain, status), given.lines, notes)
 
 
 def kind_of(path: Path) -> str:
     """What `read_trajectory` takes a file for: mcap, tum, parquet, markers, euroc, or table."""
     suffix = path.suffix.lower()
     if suffix in BAGS:
-        raise FileFormatError(composed("{where}: {error}", where=path, error=BAGS[suffix].format(name=path.name, stem=path.stem)))
+        raise core.FileFormatError(composed("{where}: {error}", where=path, error=BAGS[suffix].format(name=path.name, stem=path.stem)))
     if suffix in (".mcap", ".tum", ".parquet"):
         return suffix[1:]
     text = _beginning(path)
@@ -224,15 +212,9 @@ def _header(path: Path) -> list[str]:
 
 
 def _trajectory(
-    time_s: FloatArray,
-    position: FloatArray,
-    quaternion: FloatArray | None,
-    random: FloatArray,
-    systematic: FloatArray,
-    absent: tuple[str, ...],
-    status: IntArray | None = None,
+    time_s: FloatArray, position: FloatArray, quaternion: FloatArray | None, uncertain: Uncertain, status: IntArray | None = None
 ) -> Trajectory:
-    n = len(time_s)
+    n, (random, systematic, absent) = len(time_s), uncertain
     poses = np.column_stack([position, np.full((n, 4), np.nan) if quaternion is None else quaternion])
     lost = np.isnan(position).any(axis=1)
     if quaternion is not None:
@@ -249,8 +231,7 @@ def _trajectory(
     )  # fmt: skip
 
 
-def _uncertainties(table: ForeignTable, stated: Stated, oriented: bool) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
-    """(n, 6, 6) random and systematic covariances, and what of "position" and "rotation" has none."""
+def _uncertainties(table: ForeignTable, stated: Stated, oriented: bool) -> Uncertain:
     n, given = len(table), set(table.columns)
     u, common = np.zeros((n, 6)), np.zeros((n, 6))
     absent: list[str] = []
@@ -273,11 +254,11 @@ def _uncertainties(table: ForeignTable, stated: Stated, oriented: bool) -> tuple
             common[:, own] = np.column_stack([table.numbers(c, gaps=True) for c in SYSTEMATIC_COLUMNS[own]])
         bad = (u[:, own] < 0.0).any(axis=1) | (common[:, own] < 0.0).any(axis=1)
         if bad.any():
-            raise FileFormatError(message("error.a_standard_uncertainty_of", where=table.row(int(np.argmax(bad))), what=what))
+            raise core.FileFormatError(message("error.a_standard_uncertainty_of", where=table.row(int(np.argmax(bad))), what=what))
     return diagonal(np.maximum(u**2 - common**2, 0.0)), diagonal(common**2), tuple(absent)
 
 
-def _same(n: int, stated: Stated, oriented: bool) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+def _same(n: int, stated: Stated, oriented: bool) -> Uncertain:
     """Of a file that states no uncertainty."""
     said = (stated.u_position_mm, stated.u_rotation_rad)
     u = np.repeat([0.0 if value is None else value for value in said], 3)
@@ -297,13 +278,13 @@ def _of_lines(path: Path, stated: Stated) -> Trajectory:
         except ValueError:
             values = []
         if len(values) != 8 or not np.isfinite(values).all():
-            raise FileFormatError(message("error.line_is_not_time", where=path, number=number))
+            raise core.FileFormatError(message("error.line_is_not_time", where=path, number=number))
         rows.append(values)
         lines.append(number)
     if not rows:
-        raise FileFormatError(message("error.has_no_rows", where=path))
+        raise core.FileFormatError(message("error.has_no_rows", where=path))
     table = np.array(rows)
-    found = _trajectory(table[:, 0], 1e3 * table[:, 1:4], table[:, 4:], *_same(len(table), stated, oriented=True))
+    found = _trajectory(table[:, 0], 1e3 * table[:, 1:4], table[:, 4:], _same(len(table), stated, oriented=True))
     return _checked(path, found, lines, [message("orientation.read", how="TUM (s, m): quaternion x, y, z, w")])
 
 
@@ -332,7 +313,7 @@ def _of_marked(path: Path, marked: Marked, stated: Stated) -> Trajectory:
             random[:, own, own] = body.covariance[:, own, own]
     if len(absent) == 2:
         random = body.covariance
-    found = _trajectory(marked.time_s, body.poses[:, :3], body.poses[:, 3:], random, systematic, ())
+    found = _trajectory(marked.time_s, body.poses[:, :3], body.poses[:, 3:], (random, systematic, ()))
     return _checked(path, replace(found, covers=message("covers.markers")), list(marked.lines), list(body.notes))
 
 
@@ -351,7 +332,7 @@ def _marked(given: ForeignTable) -> Marked:
 def _of_messages(path: Path, stated: Stated) -> Trajectory:
     others = [name for name in stated.columns or () if name != "topic"]
     if others and not stated.of_others:
-        raise SettingsError("columns", message("error.holds_messages_topic_name", path=path, others=", ".join(others)))
+        raise core.SettingsError("columns", message("error.holds_messages_topic_name", path=path, others=", ".join(others)))
     topic = None if stated.columns is None else stated.columns.get("topic")
     read = read_messages(path, None if topic is None else topic.name)
     random, systematic, absent = _same(len(read.time_s), stated, oriented=True)
@@ -364,7 +345,7 @@ def _of_messages(path: Path, stated: Stated) -> Trajectory:
                 absent = tuple(w for w in absent if w != what)
         if not absent and stated.u_position_mm is None and stated.u_rotation_rad is None:
             random = read.covariance
-    return _trajectory(read.time_s, read.poses[:, :3], read.poses[:, 3:], random, systematic, absent)
+    return _trajectory(read.time_s, read.poses[:, :3], read.poses[:, 3:], (random, systematic, absent))
 
 
 def _checked(path: Path, found: Trajectory, lines: list[int], notes: list[Message] | None = None) -> Trajectory:
@@ -378,7 +359,7 @@ def _checked(path: Path, found: Trajectory, lines: list[int], notes: list[Messag
 
     def refuse(bad: BoolArray, why: str) -> None:
         if bad.any():
-            raise FileFormatError(composed("{where}: {at}: {why}", where=path, at=at(int(np.argmax(bad))), why=why))
+            raise core.FileFormatError(composed("{where}: {at}: {why}", where=path, at=at(int(np.argmax(bad))), why=why))
 
     notes = list(notes or [])
     steps = np.diff(found.time_s, prepend=-np.inf)
@@ -396,15 +377,16 @@ def _checked(path: Path, found: Trajectory, lines: list[int], notes: list[Messag
         kept[again] = False
         found, lines = _rows_of(found, kept), [line for line, keep in zip(lines, kept, strict=True) if keep] if lines else []
     with np.errstate(invalid="ignore"):
-        refuse(np.asarray((np.abs(found.poses[:, :3]) > MAX_LENGTH_MM).any(axis=1)), message("trajectory_file.too_far", mm=MAX_LENGTH_MM))
+        far = np.asarray((np.abs(found.poses[:, :3]) > core.MAX_LENGTH_MM).any(axis=1))
+        refuse(far, message("trajectory_file.too_far", mm=core.MAX_LENGTH_MM))
         length = np.linalg.norm(found.poses[:, 3:], axis=1)
         refuse(np.asarray(np.abs(length - 1.0) > UNIT_TOLERANCE), message("trajectory_file.quaternion"))
     if (found.status != Status.OK).all():
-        raise TrajectoryError(message("error.no_row_has_a", where=path))
+        raise core.TrajectoryError(message("error.no_row_has_a", where=path))
     poses = found.poses.copy()
     poses[:, 3:] /= length[:, None]
     known = ~np.isnan(poses[:, 3])
-    poses[known, 3:] = se3.rotation(poses[known]).as_quat(canonical=True)
+    poses[known, 3:] = core.se3.rotation(poses[known]).as_quat(canonical=True)
     return replace(found, poses=poses, notes=(*found.notes, *notes))
 
 

@@ -18,15 +18,11 @@ from lmeasure.core import BoolArray, FileFormatError, FloatArray, IntArray, se3
 from lmeasure.io import text_of
 from lmeasure.text import Message, message
 
-LEAST = 3
-"""Markers of a frame from which a pose follows."""
+LEAST = 3  # Markers of a frame from which a pose follows
 ROUNDS = 8
-WORSE = 6.0
-"""Times the usual misfit of a frame from which something is wrong with it."""
-FLAT = 1e-3
-"""Of the largest extent of the visible markers: across less than it they stand in a line."""
-EXACT_MM = 1e-6
-"""Least uncertainty of a marker: numbers that fit exactly are rounded."""
+WORSE = 6.0  # Times the usual misfit of a frame from which something is wrong with it
+FLAT = 1e-3  # Of the largest extent of the visible markers: across less than it they stand in a line
+EXACT_MM = 1e-6  # Least uncertainty of a marker: numbers that fit exactly are rounded
 _SIZES = {"mm": 1.0, "cm": 10.0, "m": 1e3}
 
 
@@ -72,7 +68,6 @@ def body_of(marked: Marked, path: Path) -> Body:
         raise FileFormatError(message("error.no_frame_shows_of", where=path, least=LEAST, names=", ".join(names)))
     whole = np.flatnonzero(seen.sum(axis=1) == seen.sum(axis=1).max())
     shape = _first_shape(path, places[whole[0]] if len(whole) == 1 else places[_usual(places, whole)])
-    notes: list[Message] = []
     for _ in range(ROUNDS):
         turns, middles, left = _fitted(places, shape)
         back = np.einsum("nij,nmi->nmj", turns, places - middles[:, None])
@@ -83,17 +78,16 @@ def body_of(marked: Marked, path: Path) -> Body:
     swaps, strays = _mended(places, shape, odd, WORSE * usual)
     seen = _seen(places)
     turns, middles, left = _fitted(places, shape)
-    for (a, b), frames in swaps.items():
-        at_s = float(marked.time_s[frames[0]])
-        notes.append(message("markers.swapped", one=names[a], other=names[b], frames=len(frames), at_s=at_s, line=marked.lines[frames[0]]))
-    for k, frames in strays.items():
-        at_s = float(marked.time_s[frames[0]])
-        notes.append(message("markers.stray", marker=names[k], frames=len(frames), at_s=at_s, line=marked.lines[frames[0]]))
+
+    def said(code: str, frames: list[int], **of: str) -> Message:
+        return message(code, frames=len(frames), at_s=float(marked.time_s[frames[0]]), line=marked.lines[frames[0]], **of)
+
+    notes = [said("markers.swapped", frames, one=names[a], other=names[b]) for (a, b), frames in swaps.items()]
+    notes += [said("markers.stray", frames, marker=names[k]) for k, frames in strays.items()]
     fits = (seen.sum(axis=1) >= LEAST) & (left <= WORSE * usual)
     wrong = (seen.sum(axis=1) >= LEAST) & ~fits
     if wrong.any():
-        i = int(np.argmax(wrong))
-        notes.append(message("markers.no_body", frames=int(wrong.sum()), at_s=float(marked.time_s[i]), line=marked.lines[i]))
+        notes.append(said("markers.no_body", np.flatnonzero(wrong).tolist()))
     missing = [(name, int((~s).sum())) for name, s in zip(names, _seen(marked.places).T, strict=True) if not s.all()]
     notes += [message("markers.missing", marker=name, frames=count, of=len(places)) for name, count in missing]
     first = int(whole[0])
@@ -250,9 +244,8 @@ def _rows(path: Path, lines: list[str], first: int, names: tuple[str, ...], befo
         cells = [cell.strip() for cell in line.rstrip("\r\n").split("\t")]
         cells += [""] * (wide - len(cells))
         if any(cells[wide:]):
-            raise FileFormatError(
-                message("error.line_has_cells_markers", where=path, number=number, n_cells=len(cells), n_names=len(names), wide=wide)
-            )
+            has = {"n_cells": len(cells), "n_names": len(names), "wide": wide}
+            raise FileFormatError(message("error.line_has_cells_markers", where=path, number=number, **has))
         values = [_number(path, cell, f"line {number}") for cell in cells[:wide]]
         time_s.append(values[1] if before else (number - first) / rate)
         places.append(values[before:])

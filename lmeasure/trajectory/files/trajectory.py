@@ -10,42 +10,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lmeasure.core import (
-    MAX_LENGTH_MM,
-    QUATERNION_COLUMNS,
-    WORDS,
-    BoolArray,
-    FileFormatError,
-    FloatArray,
-    IntArray,
-    Status,
-    TextArray,
-    angles_from_rotation,
-    convention,
-    se3,
-    words,
-)
+from lmeasure import core
+from lmeasure.core import BoolArray, DataFrame, FloatArray, IntArray, Shown, Status, TextArray, framed
 from lmeasure.io import files
 from lmeasure.recording import POSITION_COLUMNS
-from lmeasure.text import Lines, Message, of_file
+from lmeasure.text import Lines, Message, message, of_file
 from lmeasure.trajectory.time.stamps import stamps_of
 from lmeasure.trajectory.uncertainty.assumed import NOTHING, Assumed
 
 if TYPE_CHECKING:
     import xarray as xr
-from lmeasure.core import DataFrame, Shown, framed
-from lmeasure.text import message
 
 UNCERTAINTY_COLUMNS = ("u_x_mm", "u_y_mm", "u_z_mm", "u_rx_rad", "u_ry_rad", "u_rz_rad")
 COLUMNS_OF_OURS = (
-    "time_s", *POSITION_COLUMNS, *QUATERNION_COLUMNS, "residual_mm", "iterations", "status", "cause", "cable", "worst_pressure_angle_deg",
-    *UNCERTAINTY_COLUMNS,
+    "time_s", *POSITION_COLUMNS, *core.QUATERNION_COLUMNS, "residual_mm", "iterations", "status", "cause", "cable",
+    "worst_pressure_angle_deg", *UNCERTAINTY_COLUMNS,
 )  # fmt: skip
 """What every table of a trajectory has that this program wrote."""
 SYSTEMATIC_COLUMNS = tuple(name.replace("u_", "u_systematic_", 1) for name in UNCERTAINTY_COLUMNS)
 """The part of those that the whole run has in common."""
-NAMES = ", "
-"""Between the names of cables where a sample is good without several."""
+NAMES = ", "  # Between the names of cables where a sample is good without several
 _PLACES = [3, 4, 5, 0, 1, 2]  # of those columns in (rotation; tool origin)
 
 
@@ -127,15 +111,9 @@ class Trajectory(Shown):
         """Columns of a trajectory file; with the angles of a controller's convention, behind the others, when one is named."""
         out: dict[str, Any] = {"time_s": self.time_s}
         out |= dict(zip(POSITION_COLUMNS, self.poses[:, :3].T, strict=True))
-        out |= dict(zip(QUATERNION_COLUMNS, self.poses[:, 3:].T, strict=True))
-        out |= {
-            "residual_mm": self.residual_mm,
-            "iterations": self.iterations,
-            "status": words(self.status),
-            "cause": self.cause,
-            "cable": self.cable,
-            "worst_pressure_angle_deg": self.worst_pressure_angle_deg,
-        }
+        out |= dict(zip(core.QUATERNION_COLUMNS, self.poses[:, 3:].T, strict=True))
+        out |= {"residual_mm": self.residual_mm, "iterations": self.iterations, "status": core.words(self.status)}
+        out |= {"cause": self.cause, "cable": self.cable, "worst_pressure_angle_deg": self.worst_pressure_angle_deg}
         out |= dict(zip(UNCERTAINTY_COLUMNS, self.u.T, strict=True))
         out |= dict(zip(SYSTEMATIC_COLUMNS, np.sqrt(_variances(self.systematic)).T, strict=True))
         if self.u95_assumed_mm is not None:
@@ -145,8 +123,8 @@ class Trajectory(Shown):
         if angles is not None:
             values = np.full((len(self.poses), 3), np.nan)
             known = ~np.isnan(self.poses[:, 3:]).any(axis=1)
-            values[known] = angles_from_rotation(angles, se3.rotation(self.poses[known]))
-            out |= dict(zip(convention(angles).columns, values.T, strict=True))
+            values[known] = core.angles_from_rotation(angles, core.se3.rotation(self.poses[known]))
+            out |= dict(zip(core.convention(angles).columns, values.T, strict=True))
         return out
 
     def summary(self) -> str:
@@ -177,7 +155,7 @@ class Summary:
     def add(self, piece: Trajectory) -> None:
         """Take the next piece into account."""
         codes, times = np.unique(piece.status, return_counts=True)
-        self.statuses.update({WORDS[code]: int(n) for code, n in zip(codes, times, strict=True)})
+        self.statuses.update({core.WORDS[code]: int(n) for code, n in zip(codes, times, strict=True)})
         if not self.first_bad and (piece.status != Status.OK).any():
             i = int(np.argmax(piece.status != Status.OK))
             code, cable = f"trajectory_line.at{'_cable' if piece.cable[i] else ''}", str(piece.cable[i])
@@ -241,28 +219,21 @@ def read_own(path: Path) -> Trajectory:
     u = table.matrix(UNCERTAINTY_COLUMNS, gaps=True)
     # a trajectory of another program may not tell the parts apart
     common = table.matrix(SYSTEMATIC_COLUMNS, gaps=True) if SYSTEMATIC_COLUMNS[0] in table.columns else np.zeros_like(u)
-    poses = table.matrix((*POSITION_COLUMNS, *QUATERNION_COLUMNS), gaps=True)
-    _refuse(path, POSITION_COLUMNS, poses[:, :3], np.abs(poses[:, :3]) > MAX_LENGTH_MM, message("trajectory_file.beyond", mm=MAX_LENGTH_MM))
+    poses = table.matrix((*POSITION_COLUMNS, *core.QUATERNION_COLUMNS), gaps=True)
+    far = np.abs(poses[:, :3]) > core.MAX_LENGTH_MM
+    _refuse(path, POSITION_COLUMNS, poses[:, :3], far, message("trajectory_file.beyond", mm=core.MAX_LENGTH_MM))
     for columns, values in ((UNCERTAINTY_COLUMNS, u), (SYSTEMATIC_COLUMNS, common)):
         _refuse(path, columns, values, values < 0.0, message("trajectory_file.no_u"))
     known = json.loads(table.kept("messages") or "[]")
     if "cause_message" in table.columns:
         known += map(_loaded, set(table.labels("cause_message").tolist()) - {""})
-    return Trajectory(
-        table.numbers("time_s"),
-        poses,
-        table.numbers("residual_mm", gaps=True),
-        table.numbers("iterations").astype(np.int64),
-        table.choices("status", WORDS),
-        of_file(table.labels("cause"), known),
-        table.labels("cable"),
-        table.numbers("worst_pressure_angle_deg", gaps=True),
-        diagonal(np.maximum(u**2 - common**2, 0.0)),
-        diagonal(common**2),
-        message("covers.file_"),
-        chi_squared=table.numbers("chi_squared", gaps=True) if "chi_squared" in table.columns else None,
-        u95_assumed_mm=table.numbers("u95_assumed_mm", gaps=True) if "u95_assumed_mm" in table.columns else None,
-    )
+    solved = table.numbers("time_s"), poses, table.numbers("residual_mm", gaps=True), table.numbers("iterations").astype(np.int64)
+    of_samples = table.choices("status", core.WORDS), of_file(table.labels("cause"), known), table.labels("cable")
+    angle, covariances = table.numbers("worst_pressure_angle_deg", gaps=True), (np.maximum(u**2 - common**2, 0.0), common**2)
+    random, systematic = map(diagonal, covariances)
+    names = ("chi_squared", "u95_assumed_mm")
+    more: dict[str, Any] = {name: table.numbers(name, gaps=True) for name in names if name in table.columns}
+    return Trajectory(*solved, *of_samples, angle, random, systematic, message("covers.file_"), **more)
 
 
 def _loaded(cell: str) -> dict[str, Any]:
@@ -278,7 +249,8 @@ def _refuse(path: Path, columns: Sequence[str], values: FloatArray, bad: BoolArr
     """FileFormatError names the first value that is bad."""
     if bad.any():
         row, column = (int(i) for i in np.argwhere(bad)[0])
-        raise FileFormatError(message("error.row_2", where=path, row=row, columns=columns[column], values=values[row, column], why=why))
+        value = {"columns": columns[column], "values": values[row, column]}
+        raise core.FileFormatError(message("error.row_2", where=path, row=row, **value, why=why))
 
 
 def _variances(covariance: FloatArray) -> FloatArray:

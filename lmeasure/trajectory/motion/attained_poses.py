@@ -1,7 +1,4 @@
-"""From a trajectory to attained poses: the mean over each dwell, and what says that a dwell is none.
-
-Where a trajectory rests, determined by its poses, and the part of each rest in which the robot has settled.
-"""
+"""Attained poses of a trajectory: where it rests, the part of each rest in which the robot has settled, and the mean over each dwell."""
 
 from dataclasses import dataclass
 
@@ -14,18 +11,12 @@ from lmeasure.trajectory.files.trajectory import Trajectory
 from lmeasure.trajectory.motion.vibration import Vibration, vibration
 from lmeasure.trajectory.uncertainty.pose_errors import PoseErrors, at_tool_point
 
-LAG_S = 0.05
-"""A robot that in this time moves by less than what a still one may is resting."""
-LEAST_S = 0.15
-"""Shortest rest that counts as a dwell: turning points of a motion are shorter."""
-BROKEN_S = 0.15
-"""Shorter than it a rest is not left for another at the same place: single samples lay off."""
-UNSEEN_S = 1.0
-"""Without a sample for longer, or for several usual intervals, the robot may have been elsewhere."""
-SETTLED = 0.5
-"""Of a rest: its last part, when the robot no longer swings."""
-LEAVES = 4.0
-"""Times as far from the middle of a rest as its middle part scatters: the robot is on its way again."""
+LAG_S = 0.05  # A robot that in this time moves by less than what a still one may is resting
+LEAST_S = 0.15  # Shortest rest that counts as a dwell: turning points of a motion are shorter
+BROKEN_S = 0.15  # Shorter than it a rest is not left for another at the same place: single samples lay off
+UNSEEN_S = 1.0  # Without a sample for longer, or for several usual intervals, the robot may have been elsewhere
+SETTLED = 0.5  # Of a rest: its last part, when the robot no longer swings
+LEAVES = 4.0  # Times as far from the middle of a rest as its middle part scatters: the robot is on its way again
 
 
 def rests(trajectory: Trajectory, positions: FloatArray, still_mm: float) -> list[slice]:
@@ -194,18 +185,8 @@ def dwell(trajectory: Trajectory, frame: Frame, start_s: float, end_s: float, *,
     away = np.linalg.norm(poses[:, :3] - np.median(poses[:, :3], axis=0), axis=1)
     if away.max() > still_mm:
         i = part.start + int(np.argmax(away))
-        raise CertificationError(
-            message(
-                "error.the_robot_moves_in",
-                where=what,
-                start_s=start_s,
-                end_s=end_s,
-                i=i,
-                time_s=trajectory.time_s[i],
-                away=away.max(),
-                still_mm=still_mm,
-            )
-        )
+        when = {"start_s": start_s, "end_s": end_s, "i": i, "time_s": trajectory.time_s[i]}
+        raise CertificationError(message("error.the_robot_moves_in", where=what, **when, away=away.max(), still_mm=still_mm))
     return part, poses
 
 
@@ -221,17 +202,8 @@ def attain(name: str, commanded: FloatArray, windows: Windows, trajectory: Traje
         sampled.append((trajectory.time_s[part], displacements(poses) if changed.any() else np.zeros((len(poses), 6))))
         worst = float(np.fmax.reduce(trajectory.worst_pressure_angle_deg[part], initial=worst))
     times = np.array([0.5 * (start + end) for start, end in windows])
-    middle = np.array(middles, dtype=np.int64)
-    return AttainedPose(
-        name=name,
-        commanded=commanded,
-        poses=np.array(rows),
-        time_s=times,
-        samples=middle,
-        vibration=vibration(sampled),
-        readings=np.array(readings),
-        angle_deg=worst,
-    )
+    attained = np.array(rows), times, np.array(middles, dtype=np.int64)
+    return AttainedPose(name, commanded, *attained, vibration(sampled), np.array(readings), worst)
 
 
 def worst_angle(trajectory: Trajectory, windows: Windows, what: str) -> float:

@@ -18,21 +18,16 @@ from lmeasure.trajectory.files.trajectory import Trajectory
 from lmeasure.trajectory.motion.spectrum import HIGHEST, Vibration, smoothing_bias, vibrations
 from lmeasure.trajectory.time.stamps import Stamps, stamps_of
 
-HALF_WIDTH_S = 0.02
-"""The widest window that is chosen, unless the usual interval needs a wider one."""
-NARROWER = 1.5
-"""Times as narrow as the one before that the next window is, among which one is chosen."""
-GAIN = 0.8
-"""Of the error of the widest window: a narrower one is chosen where it errs less than that."""
-CHOSEN_BY = 20_000
-"""Samples by which a window is chosen, in pieces."""
+HALF_WIDTH_S = 0.02  # The widest window that is chosen, unless the usual interval needs a wider one
+NARROWER = 1.5  # Times as narrow as the one before that the next window is, among which one is chosen
+GAIN = 0.8  # Of the error of the widest window: a narrower one is chosen where it errs less than that
+CHOSEN_BY = 20_000  # Samples by which a window is chosen, in pieces
 FULL = 0.5 * (LEAST + 1)
 """Periods of a half width that holds enough samples on both sides."""
 WIDEST_S = 1.0
 """That the usual interval needs, unless it is asked for: beyond it times are likely in another unit."""
 COVERAGE = 0.95
-NEAR = 6.0
-"""Standard uncertainties below the largest speed that another may lie and still be the one that erred most."""
+NEAR = 6.0  # Standard uncertainties below the largest speed that another may lie and still be the one that erred most
 _AXES = ("x", "y", "z")
 
 
@@ -153,23 +148,9 @@ def motion_of(trajectory: Trajectory, half_width_s: float | None = None, stamps:
         u_rates = [np.hypot(v, order * stamps.u_rate * np.abs(rate)) for order, v, rate in zip((1, 2, 3), u_rates, rates, strict=True)]
     velocity, acceleration, jerk = rates
     u_velocity, u_acceleration, u_jerk = u_rates
-    return Motion(
-        time_s,
-        poses,
-        velocity,
-        acceleration,
-        jerk,
-        u_pose,
-        u_velocity,
-        u_acceleration,
-        u_jerk,
-        u_speed,
-        path,
-        half_width_s,
-        stamps,
-        vibrations(time_s, given[:, :3], parts),
-        HIGHEST / float(np.median(np.diff(time_s[placed]))) if placed.sum() > 1 else np.nan,
-    )
+    smooth, uncertain = (time_s, poses, velocity, acceleration, jerk), (u_pose, u_velocity, u_acceleration, u_jerk, u_speed)
+    highest_hz = HIGHEST / float(np.median(np.diff(time_s[placed]))) if placed.sum() > 1 else np.nan
+    return Motion(*smooth, *uncertain, path, half_width_s, stamps, vibrations(time_s, given[:, :3], parts), highest_hz)
 
 
 def _parts(poses: FloatArray, stretch: IntArray | None) -> list[slice]:

@@ -21,31 +21,20 @@ import scipy
 from lmeasure.core import BoolArray, FloatArray
 from lmeasure.kernels import TERMS
 
-HIGHEST = 0.35
-"""Times the sampling rate: the highest frequency at which statements are made."""
-SHORTEST = 32
-"""Samples of the shortest block at least."""
-LONGER = 8
-"""Times as many samples as the block before, for blocks that show weaker vibration."""
+HIGHEST = 0.35  # Times the sampling rate: the highest frequency at which statements are made
+SHORTEST = 32  # Samples of the shortest block at least
+LONGER = 8  # Times as many samples as the block before, for blocks that show weaker vibration
 SCALES = 4
-LASTING = 0.2
-"""Of a block, in which shorter blocks show vibration that the whole block is then taken to have."""
+LASTING = 0.2  # Of a block, in which shorter blocks show vibration that the whole block is then taken to have
 AXES = 3
-LEAST_POWER = 1e-18
-"""mm^2 or rad^2: less is nothing."""
-CHANCE = 1e-2
-"""Probability that noise alone is found to be vibration, in a record and in blocks of one size."""
-LEAST_LEFT = 1e-3
-"""Of a vibration, in the residuals: below it |G| is continued as it is there."""
-LINE_S = 4.0
-"""Length of the blocks in which frequencies are looked for."""
+LEAST_POWER = 1e-18  # mm^2 or rad^2: less is nothing
+CHANCE = 1e-2  # Probability that noise alone is found to be vibration, in a record and in blocks of one size
+LEAST_LEFT = 1e-3  # Of a vibration, in the residuals: below it |G| is continued as it is there
+LINE_S = 4.0  # Length of the blocks in which frequencies are looked for
 PADDED = 4
-LINES = 4
-"""Frequencies per axis at most."""
-LEAST_PERIODS = 6.0
-"""Of a vibration in a block: what is slower is taken for motion."""
-ABOUT_BINS = 24
-"""Bins on either side, whose median is the spectrum next to a peak."""
+LINES = 4  # Frequencies per axis at most
+LEAST_PERIODS = 6.0  # Of a vibration in a block: what is slower is taken for motion
+ABOUT_BINS = 24  # Bins on either side, whose median is the spectrum next to a peak
 NORMAL_95 = 1.959963984540054
 
 
@@ -184,12 +173,8 @@ def vibrations(time_s: FloatArray, positions: FloatArray, stretches: Sequence[sl
     window = scipy.signal.get_window("hann", size)
     powers = np.linspace(-1.0, 1.0, size)[:, None] ** np.arange(4)
     trend = np.linalg.qr(powers)[0]
-    spectra = np.array(
-        [
-            np.abs(np.fft.rfft((b - trend @ (trend.T @ b)) * window[:, None], PADDED * size, axis=0)) ** 2 * (2.0 / window.sum()) ** 2
-            for b in blocks
-        ]
-    )
+    even = [(b - trend @ (trend.T @ b)) * window[:, None] for b in blocks]
+    spectra = np.array([np.abs(np.fft.rfft(b, PADDED * size, axis=0)) ** 2 * (2.0 / window.sum()) ** 2 for b in even])
     inside = (hz >= LEAST_PERIODS / (size * step_s)) & (hz <= HIGHEST / step_s)
     found = [line for i, axis in enumerate("xyz") for line in _lines(axis, hz, spectra[:, :, i], inside, size * step_s)]
     return tuple(sorted(found, key=lambda line: -line.speed_mm_s))

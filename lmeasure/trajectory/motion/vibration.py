@@ -35,22 +35,15 @@ LEVER = np.repeat([100.0, 1.0], 3)
 FEWEST_PERIODS, MOST_PERIODS, STEP = 0.5, 32.0, 0.25
 """Frequencies that are looked for, times the longest window: slower is a drift, faster hardly moves a mean."""
 FREQUENCIES = 3
-LEAST = 0.05
-"""Of the squares that the strongest frequency explains: what explains less may be rounding along the swing."""
-CHANCE = 1e-3
-"""Probability with which what is new at every sample passes for a swing."""
-MOST_SAMPLES = 128
-"""Of a dwell, by which its frequencies are found: means of neighbours where there are more."""
-UNCERTAIN = 0.25
-"""Times the window: to either side of a frequency it may wander, so that whole periods are not counted on."""
+LEAST = 0.05  # Of the squares that the strongest frequency explains: what explains less may be rounding along the swing
+CHANCE = 1e-3  # Probability with which what is new at every sample passes for a swing
+MOST_SAMPLES = 128  # Of a dwell, by which its frequencies are found: means of neighbours where there are more
+UNCERTAIN = 0.25  # Times the window: to either side of a frequency it may wander, so that whole periods are not counted on
 HARMONICS = np.arange(1, 33)
-SIZES = np.concatenate([np.linspace(0.0, 0.5, 26), np.geomspace(0.52, 40.0, 60)])
-"""Of swings [counts, rms], of which K is worked out."""
-MOST_SHAPES = 8
-"""Dwells by which it is."""
+SIZES = np.concatenate([np.linspace(0.0, 0.5, 26), np.geomspace(0.52, 40.0, 60)])  # Of swings [counts, rms], of which K is worked out
+MOST_SHAPES = 8  # Dwells by which it is
 
-WIGGLES = 3.0
-"""Standard uncertainties of a curve that it may move by in a dwell though the robot rests."""
+WIGGLES = 3.0  # Standard uncertainties of a curve that it may move by in a dwell though the robot rests
 
 
 @dataclass(frozen=True)

@@ -15,30 +15,28 @@ do not correlate, what a pose errs by of its own stays independent of z.
 The rounding of a count that stands still is one error, however often it is read: a reading that is repeated k times on end has k times its
 variance. Where a channel moves on from sample to sample that is nothing.
 
-From when to when a channel came to read from another origin, as a counter does that jumped, or slipped little by little.
+A channel may come to read from another origin, as a counter does that jumped, or slipped little by little. The others tell the poses, and
+what they share with the channel in question: by them it errs by e at every sample, with a variance of its own (rounding) and one that
+neighbours have in common (calibration). A channel that slipped errs by one constant up to some sample and by another one from a later
+sample on: behind that it can be used again, from an origin that the run tells. When the one ended and the other began is determined by the
+likelihood of a ramp between the two, its extremes that are not much less likely than the best. One that hung comes back to the constant it
+had; one that still errs otherwise at the end of the run goes on from none.
 
-The others tell the poses, and what they share with the channel in question: by them it errs by e at every sample, with a variance of its
-own (rounding) and one that neighbours have in common (calibration). A channel that slipped errs by one constant up to some sample and by
-another one from a later sample on: behind that it can be used again, from an origin that the run tells. When the one ended and the other
-began is determined by the likelihood of a ramp between the two, its extremes that are not much less likely than the best. One that hung
-comes back to the constant it had; one that still errs otherwise at the end of the run goes on from none.
-
-Whether a channel slipped in a run whose origins were found: too little for any single sample to show, but all of them together do.
-
-Suppose one channel j reads b too much behind a time t. By the weights P of the samples (`origins`) its score is
-s = sum (P (r - L y))_j over the samples behind t, with y what the run says of calibration, drums and the like: it is applied to no pose,
-and left in the readings it would pass for steps. What b has in common with all that the run shares, C, leaves it the information
-I = sum P_jj - g^T C g with g = sum (L^T P)_j. Then s^2/I is chi-squared of one degree of freedom where nothing slipped, whatever channel
-and time are asked about (Baarda's data snooping, 1968, with a step as the error).
+A channel may slip too little for any single sample to show it, while all of them together do. Suppose one channel j reads b too much behind
+a time t. By the weights P of the samples (`origins`) its score is s = sum (P (r - L y))_j over the samples behind t, with y what the run
+says of calibration, drums and the like: it is applied to no pose, and left in the readings it would pass for steps. What b has in common
+with all that the run shares, C, leaves it the information I = sum P_jj - g^T C g with g = sum (L^T P)_j. Then s^2/I is chi-squared of one
+degree of freedom where nothing slipped, whatever channel and time are asked about (Baarda's data snooping, 1968, with a step as the error).
 """
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from lmeasure.core import FloatArray, IntArray, Status, symmetric_root
-from lmeasure.rig import Rig
+from lmeasure.rig import Observed, Rig
 from lmeasure.sensors import Lengths, changes_from_counts, channel_message
 from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.consistency import IN_TIME, collect_epochs, consistent
@@ -47,12 +45,10 @@ from lmeasure.trajectory.faults.redundancy import Epochs, repeats
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
 from lmeasure.trajectory.uncertainty.sources import ANYWHERE, UNKNOWN_MM, OriginEstimate
 
-MOST = 4096
-"""Samples of a run that have a part in it, spread over it."""
+MOST = 4096  # Samples of a run that have a part in it, spread over it
 CHUNK = 512
 ROUNDS = 12
-SETTLED = 1e-3
-"""Of a standard uncertainty."""
+SETTLED = 1e-3  # Of a standard uncertainty
 
 
 def chosen(epochs: Epochs, most: int = MOST) -> Epochs:
@@ -142,23 +138,15 @@ def _first(reconstruction: Reconstruction, epochs: Epochs, columns: FloatArray, 
     return mean
 
 
-BEYOND = 4.0
-"""Standard uncertainties by which no sample, and no mean of a few, differs from the constant."""
-FEW = 25
-"""Samples of such a mean."""
-LEAST_CONSTANT = 50
-"""Samples, and for so long, that a constant lasts."""
+BEYOND = 4.0  # Standard uncertainties by which no sample, and no mean of a few, differs from the constant
+FEW = 25  # Samples of such a mean
+LEAST_CONSTANT = 50  # Samples, and for so long, that a constant lasts
 LEAST_S = 0.2
-APART = 4.0
-"""Standard uncertainties by which the two constants differ."""
-LIKELY = 16.0
-"""Chi-squared by which a ramp is worse than the best one at most."""
-ENDS = 24
-"""Places of either end of a ramp that are tried at once, again and again between those that are likely."""
-CHANGE_ROUNDS = 3
-"""In which a channel that is followed by itself is put right, by what it seems to be off by each time."""
-MOST_ERRORS = 2048
-"""Samples, or means of neighbours, by which they are tried."""
+APART = 4.0  # Standard uncertainties by which the two constants differ
+LIKELY = 16.0  # Chi-squared by which a ramp is worse than the best one at most
+ENDS = 24  # Places of either end of a ramp that are tried at once, again and again between those that are likely
+CHANGE_ROUNDS = 3  # In which a channel that is followed by itself is put right, by what it seems to be off by each time
+MOST_ERRORS = 2048  # Samples, or means of neighbours, by which they are tried
 
 
 @dataclass(frozen=True)
@@ -324,10 +312,8 @@ def _mean(e: FloatArray, own: FloatArray, common: FloatArray) -> tuple[float, fl
 
 SLIPPED = 40.0
 """Chi-squared from which a step is none of rounding: once in 3e9 for one channel and time, of which a run has some ten thousand."""
-CLEARER = 16.0
-"""Chi-squared by which no other channel may explain as much, at any time: four standard uncertainties."""
-LEAST_INFORMATION = 1e-3
-"""Of the information without what the run shares: what is left of less is rounding."""
+CLEARER = 16.0  # Chi-squared by which no other channel may explain as much, at any time: four standard uncertainties
+LEAST_INFORMATION = 1e-3  # Of the information without what the run shares: what is left of less is rounding
 
 
 @dataclass(frozen=True)
@@ -361,11 +347,8 @@ def slip(reconstruction: Reconstruction, epochs: Epochs) -> Slip | None:
         part = known[begin : begin + CHUNK]
         at, there, out = epochs.at(part), estimate.poses[part], slice(begin, begin + len(part))
         used = np.isfinite(at.change_mm)
-        r, P = redundancy.weighed(
-            redundancy.basis(there, used),
-            np.where(used, redundancy.residuals(there, changes[part]), 0.0),
-            np.where(used, variance[part], 1.0),
-        )
+        residual = np.where(used, redundancy.residuals(there, changes[part]), 0.0)
+        r, P = redundancy.weighed(redundancy.basis(there, used), residual, np.where(used, variance[part], 1.0))
         P = np.where(used[:, :, None] & used[:, None, :], P, 0.0)
         score[out], own[out] = np.einsum("nmp,np->nm", P, r), np.einsum("nmm->nm", P)
         common[out] = P @ variables.shared(at, there, used)
@@ -392,19 +375,14 @@ def slip(reconstruction: Reconstruction, epochs: Epochs) -> Slip | None:
 
 
 STEPPED = "origin.stepped"
-RESTORED = ("origin.restored.length", "origin.restored.angle")
-UNDETERMINED = "origin.untold"
-"""Of a channel whose new origin the run does not determine."""
-HARDLY = 0.5
-"""Of what was supposed of an origin before the run: what is known no better was not determined by it."""
+UNDETERMINED = "origin.untold"  # Of a channel whose new origin the run does not determine
+HARDLY = 0.5  # Of what was supposed of an origin before the run: what is known no better was not determined by it
 DOUBTED = (Status.INCONSISTENT, Status.ORIGIN_LOST)
 OF_NOBODY = frozenset({*(IN_TIME[code] for code in IN_TIME if code.startswith("contradiction")), "rig.uncalibrated", "passes.not_repeated"})
 LEFT_OUT = (IN_TIME["cable.left_out"], IN_TIME["cable.left_out.unknown"])
-SLIPS = 8
-"""Found one after the other."""
+SLIPS = 8  # Found one after the other
 
-Pieces = Callable[[Doubts], Iterable[Lengths]]
-"""The lengths of a run, one piece after the other, without what is in these doubts."""
+Pieces = Callable[[Doubts], Iterable[Lengths]]  # The lengths of a run, one piece after the other, without what is in these doubts
 
 
 def settle_origins(reconstruction: Reconstruction, pieces: Pieces) -> tuple[Reconstruction, Epochs]:
@@ -431,7 +409,7 @@ def settle_origins(reconstruction: Reconstruction, pieces: Pieces) -> tuple[Reco
             reconstruction = replace(reconstruction, doubts=_with_slip(found, slipped, rig))
         else:
             after_s = max(slipped.after_s, change.after_s)
-            why = _slip_note(slipped.channel, change.by, change.u, rig)
+            why = _sized("slip", rig.observed[slipped.channel], change.by, change.u)
             found = _meanwhile(found, slipped.channel, min(slipped.from_s, change.from_s), after_s, why)
             found = replace(found, shifts=(*found.shifts, _shift(rig, slipped.channel, after_s, by=change.by)))
             reconstruction = replace(reconstruction, budget=reconstruction.budget.with_restored(slipped.channel, after_s), doubts=found)
@@ -521,14 +499,16 @@ def _restored_notes(reconstruction: Reconstruction) -> list[Message]:
     for cable, after_s, _, left, u in reconstruction.budget.restored_origins():
         o, shifts = rig.observed[cable], reconstruction.doubts.shifts
         by = left + sum(s.counts for s in shifts if (s.cable, s.after_s) == (cable, after_s)) * rig.counter(o).per_count
-        what = channel_message(o)
-        if _is_undetermined(reconstruction, cable, u):
-            out.append(message(UNDETERMINED, what=what, after_s=after_s))
-        elif o.is_length:
-            out.append(message(RESTORED[0], what=what, after_s=after_s, mm=by, u_mm=u))
-        else:
-            out.append(message(RESTORED[1], what=what, after_s=after_s, deg=float(np.degrees(by)), u_deg=float(np.degrees(u))))
+        of = {"what": channel_message(o), "after_s": after_s}
+        out.append(message(UNDETERMINED, **of) if _is_undetermined(reconstruction, cable, u) else _sized("origin.restored", o, by, u, **of))
     return out
+
+
+def _sized(code: str, o: Observed, by: float, u: float, **of: Any) -> Message:
+    """Return a text on a length [mm] or an angle [rad] of a channel, and its standard uncertainty."""
+    if o.is_length:
+        return message(f"{code}.length", mm=by, u_mm=u, **of)
+    return message(f"{code}.angle", deg=float(np.degrees(by)), u_deg=float(np.degrees(u)), **of)
 
 
 def _changed_origins(reconstruction: Reconstruction, pieces: Pieces) -> Reconstruction:
@@ -550,7 +530,7 @@ def _changed_origins(reconstruction: Reconstruction, pieces: Pieces) -> Reconstr
             doubts = _since(doubts, j, name, change.from_s)
         else:
             budget = budget.with_restored(j, change.after_s)
-            why = _slip_note(j, change.by, change.u, rig)
+            why = _sized("slip", rig.observed[j], change.by, change.u)
             notes = tuple(note for note in doubts.notes if not (note.code in LEFT_OUT and note.values.get("cable") == name))
             shifts = (*others.shifts, _shift(rig, j, change.after_s, by=change.by))
             doubts = _meanwhile(replace(others, shifts=shifts, notes=notes), j, change.from_s, change.after_s, why)
@@ -580,12 +560,6 @@ def _meanwhile(doubts: Doubts, cable: int, from_s: float, after_s: float, cause:
     return doubts.with_more(Doubt(cable, from_s, after_s, Status.INCONSISTENT, cause)) if after_s > from_s else doubts
 
 
-def _slip_note(channel: int, by: float, u: float, rig: Rig) -> Message:
-    if rig.observed[channel].is_length:
-        return message("slip.length", mm=by, u_mm=u)
-    return message("slip.angle", deg=float(np.degrees(by)), u_deg=float(np.degrees(u)))
-
-
 def _with_slip(doubts: Doubts, slipped: Slip, rig: Rig) -> Doubts:
     """Return the doubts and what a slip adds: its channel is not used behind it, or no sample where others explain the readings as well."""
     observed, when = rig.observed, {"begin": message("time.at", s=slipped.from_s), "end": message("time.end")}
@@ -595,7 +569,7 @@ def _with_slip(doubts: Doubts, slipped: Slip, rig: Rig) -> Doubts:
         note = message("channels.contradict", **when, said=cause)
     else:
         cable = slipped.channel
-        cause = _slip_note(cable, slipped.by, slipped.u, rig)
+        cause = _sized("slip", observed[cable], slipped.by, slipped.u)
         note = message("channel.left_out", **when, what=channel_message(observed[cable]), said=cause)
     doubts = doubts.with_more(Doubt(cable, slipped.from_s, np.inf, Status.INCONSISTENT, cause))
     return replace(doubts, notes=(*doubts.notes, note))

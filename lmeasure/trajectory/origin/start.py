@@ -1,11 +1,9 @@
 """Where a run begins whose start nobody stated: the poses that its absolute channels allow.
 
 Six or more angles of absolute encoders at one sample tell the pose but for a few assemblies; all are looked for from many places and
-orientations. Fewer tell it with the changes of the other channels over a motion (`over_motion`), as they do where six stand nearly
-singular. Which of them it was the motion tells: with each the origins of the other channels are found (`origins`), and one with which
-the run contradicts itself was not it. What is left over are assemblies that the data cannot tell apart.
-
-Find where a run began by its motion, when too few channels are absolute to determine a pose at once.
+orientations. Fewer tell it with the changes of the other channels over a motion, as they do where six stand nearly singular. Which of them
+it was the motion tells: with each the origins of the other channels are found (`origins`), and one with which the run contradicts itself
+was not it. What is left over are assemblies that the data cannot tell apart.
 
 Let n channels read absolute values, and m channels count from where they were zeroed. One sample has n equations for the six unknowns of
 its pose. A pose of that sample gives the offsets of the m others. Each further sample then has n + m equations for six unknowns, so it adds
@@ -20,20 +18,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from lmeasure import kernels
 from lmeasure.core import BoolArray, FloatArray, GeometryError, Status, TrajectoryError, se3
-from lmeasure.kernels import (
-    ATTACHMENT_XYZ,
-    BASE_XYZ,
-    CABLE,
-    KIND,
-    SWIVEL,
-    damped_search,
-    follow_least_squares,
-    platform_size,
-    span_lengths,
-    span_rows_of,
-    twists,
-)
 from lmeasure.recording import known
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import Lengths
@@ -44,26 +30,18 @@ from lmeasure.trajectory.reconstruction.run_model import FREEDOMS
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
 from lmeasure.trajectory.uncertainty.sources import LOOSE_RAD, OriginEstimate, rough_columns, zeros_of
 
-SAMPLES = 32
-"""Of the run, by which its start is determined."""
+SAMPLES = 32  # Of the run, by which its start is determined
 DRAWN = 3000
 """Poses from which ones that fit the first readings are sought: of 600 none lay near enough to where one run of 25 with three encoders
 began."""
-TRIED = 48
-"""Of these, from which the start is sought: those that the run contradicts least."""
-SOUND = 3.0
-"""Chi-squared per degree of freedom up to which a run does not contradict where it began."""
-MET_STARTS = 3
-"""Times that each start must have been met for no others to be sought."""
+TRIED = 48  # Of these, from which the start is sought: those that the run contradicts least
+SOUND = 3.0  # Chi-squared per degree of freedom up to which a run does not contradict where it began
+MET_STARTS = 3  # Times that each start must have been met for no others to be sought
 STEPS = 40
-APART_MM = 1.0
-"""Two ways to one start end this near to each other."""
-FITS = 1e-3
-"""Angles [rad] up to which a drawn pose fits the first readings."""
-LOST = 1e4
-"""Of a residual, in standard uncertainties, where a run cannot be followed."""
-ANYWHERE_MM = 1e6
-"""Standard uncertainty of a start that is not stated: least squares need one where a motion does not determine all of it."""
+APART_MM = 1.0  # Two ways to one start end this near to each other
+FITS = 1e-3  # Angles [rad] up to which a drawn pose fits the first readings
+LOST = 1e4  # Of a residual, in standard uncertainties, where a run cannot be followed
+ANYWHERE_MM = 1e6  # Standard uncertainty of a start that is not stated: least squares need one where a motion does not determine all of it
 
 
 @dataclass(frozen=True)
@@ -109,19 +87,19 @@ class Motion:
     def residuals(self, pose: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(n m + k,) residuals, in standard uncertainties, of a run that began at a pose with zeros z (k,), those of the zeros last, zero
         where nothing is read; and (n, 7) the poses of the run."""
-        seen = span_lengths(self.rows, pose[None])[0]
+        seen = kernels.span_lengths(self.rows, pose[None])[0]
         if not np.isfinite(seen).all():
             return np.full(self.changes.size + len(z), LOST), np.full((len(self.changes), 7), np.nan)
         changes = self.changes - self.zeros @ z
         zero = np.where(self.absolute, 0.0, seen - changes[0])
         state = np.concatenate([pose, np.where(self.absolute, seen, changes[0]), [0.0]])
         flags = np.full(len(changes), Status.GAP, np.int64)
-        poses = follow_least_squares(self.rows, pose, zero, state, changes, flags, self.u, np.arange(6))[0]
+        poses = kernels.follow_least_squares(self.rows, pose, zero, state, changes, flags, self.u, np.arange(6))[0]
         # the start is the pose of the first sample; were that solved for, fewer than six drums would not depend on all of the start
         poses[0] = pose
         lost = ~np.isfinite(poses[:, 0])
-        off = changes - (span_lengths(self.rows, np.where(lost[:, None], pose, poses)) - zero)
-        angles = self.rows[:, KIND] > CABLE
+        off = changes - (kernels.span_lengths(self.rows, np.where(lost[:, None], pose, poses)) - zero)
+        angles = self.rows[:, kernels.KIND] > kernels.CABLE
         off[:, angles] -= 2.0 * np.pi * np.round(off[:, angles] / (2.0 * np.pi))
         off = np.nan_to_num(off / self.u)
         off[lost] = LOST
@@ -132,13 +110,13 @@ class Motion:
         samples that have no pose."""
         n, k = len(poses), self.zeros.shape[1]
         units = np.repeat([1.0 / size, 1.0], 3)
-        of_start = np.where(self.absolute[:, None], 0.0, span_rows_of(self.rows, pose[None])[0] * units)
+        of_start = np.where(self.absolute[:, None], 0.0, kernels.span_rows_of(self.rows, pose[None])[0] * units)
         D = np.column_stack([of_start, np.where(self.absolute[:, None], -self.zeros, 0.0)])
         used, there = np.isfinite(self.changes), np.isfinite(poses[:, 0])
-        A = np.nan_to_num(span_rows_of(self.rows, np.where(there[:, None], poses, pose)))
-        reach = 1.0 / np.maximum(np.abs(span_rows_of(self.rows, pose[None])[0] * units).max(axis=1), 1e-9)
+        A = np.nan_to_num(kernels.span_rows_of(self.rows, np.where(there[:, None], poses, pose)))
+        reach = 1.0 / np.maximum(np.abs(kernels.span_rows_of(self.rows, pose[None])[0] * units).max(axis=1), 1e-9)
         weights = np.where(used, (self.u * reach).min() / self.u, 0.0)
-        G = np.nan_to_num(twists(self.rows, np.ascontiguousarray(poses), weights, np.arange(6)))
+        G = np.nan_to_num(kernels.twists(self.rows, np.ascontiguousarray(poses), weights, np.arange(6)))
         way = G @ D
         way[0] = np.diag(np.append(units, np.zeros(k)))[:6]
         moved = np.where((used & there[:, None])[:, :, None], (D - A @ way) / self.u[:, None], 0.0)
@@ -148,7 +126,7 @@ class Motion:
 def starts(motion: Motion, near: FloatArray, zeros: FloatArray) -> list[Begun]:
     """Poses at the first of some samples of a run that fit all of them, best first, sought from poses near (k, 7) and
     zeros (k, q) that may be near."""
-    size = platform_size(motion.rows)
+    size = kernels.platform_size(motion.rows)
     chi = [float((motion.residuals(pose, z)[0] ** 2).sum()) for pose, z in zip(near, zeros, strict=True)]
     found: list[Begun] = []
     met: list[int] = []
@@ -171,20 +149,20 @@ def starts(motion: Motion, near: FloatArray, zeros: FloatArray) -> list[Begun]:
 def fitting(rows: FloatArray, readings: FloatArray, zeros: FloatArray, seed: int = 0) -> tuple[FloatArray, FloatArray]:
     """(k, 7) poses, drawn anywhere and moved no farther than they must, at which angles with rows (n, columns) read readings (n,) less what
     drawn zeros make of them, zeros (n, q) by one standard deviation, and (k, q) these."""
-    rng, size = np.random.default_rng(seed), platform_size(rows)
-    middle, wide = rows[:, BASE_XYZ].mean(axis=0), float(np.linalg.norm(np.ptp(rows[:, BASE_XYZ], axis=0)))
-    wide = max(wide, 2.0 * float(np.linalg.norm(rows[:, ATTACHMENT_XYZ], axis=1).max()), 1000.0)
+    rng, size = np.random.default_rng(seed), kernels.platform_size(rows)
+    middle, wide = rows[:, kernels.BASE_XYZ].mean(axis=0), float(np.linalg.norm(np.ptp(rows[:, kernels.BASE_XYZ], axis=0)))
+    wide = max(wide, 2.0 * float(np.linalg.norm(rows[:, kernels.ATTACHMENT_XYZ], axis=1).max()), 1000.0)
     poses = se3.pose(middle + wide * rng.uniform(-1.0, 1.0, (DRAWN, 3)), scipy.spatial.transform.Rotation.random(DRAWN, rng=rng))
     drawn = rng.standard_normal((DRAWN, zeros.shape[1]))
     aims = readings - drawn @ zeros.T
     fit = np.zeros(DRAWN, np.bool_)
     for _ in range(STEPS):
         far = np.flatnonzero(~fit)
-        off = aims[far] - span_lengths(rows, poses[far])
+        off = aims[far] - kernels.span_lengths(rows, poses[far])
         off -= 2.0 * np.pi * np.round(off / (2.0 * np.pi))
         fit[far] = (np.abs(off) < FITS).all(axis=1)  # none of what is NaN
         far, off = far[~fit[far]], off[~fit[far]]
-        A = span_rows_of(rows, poses[far])
+        A = kernels.span_rows_of(rows, poses[far])
         A[:, :, :3] /= size
         step = np.einsum("nck,nk->nc", np.linalg.pinv(np.nan_to_num(A), rcond=1e-6), np.nan_to_num(off))
         step *= np.minimum(1.0, 200.0 / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9))
@@ -196,12 +174,11 @@ def fitting(rows: FloatArray, readings: FloatArray, zeros: FloatArray, seed: int
 def nearest(motion: Motion, pose: FloatArray, z: FloatArray, u_start: FloatArray | None = None) -> Begun | None:
     """The start that is found from a pose and zeros z (k,); the pose is known to u_start (6,) [rad; mm], nothing where it is exact, or not
     at all. None where the run cannot be followed from it."""
-    size = platform_size(motion.rows)
+    size = kernels.platform_size(motion.rows)
     units, k = np.repeat([1.0 / size, 1.0], 3), motion.zeros.shape[1]
     u = np.full(6, ANYWHERE_MM) if u_start is None else u_start / units
     free = np.append(u > 0.0, np.ones(k, np.bool_))
-    prior = np.eye(6 + k)[:6] / np.where(u > 0.0, u, 1.0)[:, None]
-    prior = prior[u > 0.0]
+    prior = (np.eye(6 + k)[:6] / np.where(u > 0.0, u, 1.0)[:, None])[u > 0.0]
     last: list[FloatArray] = []
 
     def whole(x: FloatArray) -> FloatArray:
@@ -239,23 +216,17 @@ def _apart(a: FloatArray, b: FloatArray, size: float) -> float:
 
 
 STARTS = 4000
-MET = 3
-"""Times that each assembly must have been met for others to be taken for impossible."""
+MET = 3  # Times that each assembly must have been met for others to be taken for impossible
 BATCHES = 6
-ALIKE_MM, ALIKE_RAD = 1.0, 1e-3
-"""Two solutions of one pose, at most, within the rounding of the angles."""
+ALIKE_MM, ALIKE_RAD = 1.0, 1e-3  # Two solutions of one pose, at most, within the rounding of the angles
 WORSE = 40.0
 """By how much more chi-squared a run is contradicted that began otherwise, times that of a degree of freedom where the model is off."""
 LISTED = 8
-TOLD_MM = 10.0
-"""Standard uncertainty, in its worst direction, of a start that `over_motion.SAMPLES` samples tell; all of a run tell it better."""
+TOLD_MM = 10.0  # Standard uncertainty, in its worst direction, of a start that `SAMPLES` samples tell; all of a run tell it better
 NOTHING_MM = 1000.0
-BEGINNINGS = (1.0, 0.5, 0.25, 0.12)
-"""Shares of a run by which its start is judged, the first in which it does not contradict itself."""
-LEAST = 0.5
-"""Share of a run that must not contradict a start that fewer than six absolute channels tell."""
-TRIAL = 400
-"""Samples by which beginnings are judged."""
+BEGINNINGS = (1.0, 0.5, 0.25, 0.12)  # Shares of a run by which its start is judged, the first in which it does not contradict itself
+LEAST = 0.5  # Share of a run that must not contradict a start that fewer than six absolute channels tell
+TRIAL = 400  # Samples by which beginnings are judged
 
 Begin = Callable[[FloatArray, FloatArray, FloatArray | None], tuple[Reconstruction, Epochs | None]]
 """Returns a reconstruction from a start pose (7,), the changes (m,) there and the rough zeros (k,), None where they are as stated, and
@@ -282,17 +253,8 @@ def first_sample(rig: Rig, lengths: Lengths, source: str) -> int:
         return int(enough[0])
     most, of_all = int(seen.max(initial=0)), int(every[seen > 0].max(initial=0))
     if not most or of_all <= len(FREEDOMS):
-        raise TrajectoryError(
-            message(
-                "error.the_start_pose_of_this",
-                where=source,
-                most=most,
-                of_all=of_all,
-                n_freedoms=len(FREEDOMS),
-                n_freedoms2=len(FREEDOMS) + 1,
-                state=message("start.state"),
-            )
-        )
+        needed = {"n_freedoms": len(FREEDOMS), "n_freedoms2": len(FREEDOMS) + 1, "state": message("start.state")}
+        raise TrajectoryError(message("error.the_start_pose_of_this", where=source, most=most, of_all=of_all, **needed))
     return int(np.flatnonzero((seen > 0) & (every == of_all))[0])
 
 
@@ -303,14 +265,14 @@ def assemblies(rows: FloatArray, readings: FloatArray, u: FloatArray, seed: int 
     found: list[FloatArray] = []
     met: list[int] = []
     worst: list[float] = []
-    points = rows[rows[:, KIND] == (SWIVEL if (rows[:, KIND] == SWIVEL).any() else CABLE)]
-    middle, size = points[:, BASE_XYZ].mean(axis=0), np.linalg.norm(np.ptp(points[:, BASE_XYZ], axis=0))
-    arm = float(np.linalg.norm(points[:, ATTACHMENT_XYZ], axis=1).max())
+    points = rows[rows[:, kernels.KIND] == (kernels.SWIVEL if (rows[:, kernels.KIND] == kernels.SWIVEL).any() else kernels.CABLE)]
+    middle, size = points[:, kernels.BASE_XYZ].mean(axis=0), np.linalg.norm(np.ptp(points[:, kernels.BASE_XYZ], axis=0))
+    arm = float(np.linalg.norm(points[:, kernels.ATTACHMENT_XYZ], axis=1).max())
     spare = max(len(rows) - len(free), 1)
     for batch in range(BATCHES):
         places = middle + (size + arm) * rng.uniform(-1.0, 1.0, (STARTS, 3))
         starts = se3.pose(places, scipy.spatial.transform.Rotation.random(STARTS, rng=rng))
-        poses, chi = damped_search(rows, readings, u, free, np.ascontiguousarray(starts))
+        poses, chi = kernels.damped_search(rows, readings, u, free, np.ascontiguousarray(starts))
         good = np.flatnonzero(chi <= WORSE * spare)
         for pose, off in zip(poses[good], chi[good], strict=True):
             k = next((i for i, other in enumerate(found) if _alike(pose, other)), len(found))
@@ -412,7 +374,7 @@ def evenly(n: int, share: float) -> NDArray[np.intp]:
 def zeros_by_motion(motion: Motion, start: FloatArray, u_start: FloatArray) -> FloatArray | None:
     """(k,) the rough zeros of a run that began at a stated pose (7,) known to u_start (6,) [rad; mm], in standard uncertainties; None where
     the motion contradicts all that it can be followed from."""
-    off = motion.changes[0] - span_lengths(motion.rows, start[None])[0]
+    off = motion.changes[0] - kernels.span_lengths(motion.rows, start[None])[0]
     off = np.where(motion.absolute & np.isfinite(off), np.angle(np.exp(1j * off)), 0.0)
     z = np.asarray(np.linalg.pinv(motion.zeros) @ off, dtype=np.float64)
     for share in BEGINNINGS:
@@ -456,24 +418,15 @@ def _over_motion(motion: Motion, time_s: float, source: str) -> list[Begun]:
     elif least > TOLD_MM:
         determined = message("start.weak", mm=least) if least < NOTHING_MM else message("start.undetermined")
     if determined:
-        raise TrajectoryError(
-            message(
-                "error.the_start_pose_of_this_run_is",
-                where=source,
-                time_s=time_s,
-                usable=int(usable.sum()),
-                determined=determined,
-                state=message("start.state"),
-            )
-        )
+        why = {"usable": int(usable.sum()), "determined": determined, "state": message("start.state")}
+        raise TrajectoryError(message("error.the_start_pose_of_this_run_is", where=source, time_s=time_s, **why))
     limit = best.chi_squared + WORSE * max(best.chi_squared / best.freedom, 1.0)
     return [begun for begun in every if begun.chi_squared <= limit]
 
 
 def _contradictions(candidates: list[Reconstruction]) -> tuple[FloatArray, int]:
     """Return (k,) chi-squared by which a run contradicts beginnings, as of equally many readings, and its degrees of freedom: all zero
-    where nothing is redundant. What cannot be followed from a beginning as it can from another contradicts it by every
-    sample that is lost."""
+    where nothing is redundant. What cannot be followed from a beginning contradicts it by every sample that is lost."""
     estimates = [candidate.budget.estimate for candidate in candidates]
     followed = np.array([0 if e is None else int(np.isfinite(e.poses[:, 0]).sum()) for e in estimates])
     most = max((e.freedom for e in estimates if e is not None), default=0)
@@ -502,5 +455,4 @@ def _same(a: OriginEstimate | None, b: OriginEstimate | None) -> bool:
 
 
 def _text(pose: FloatArray) -> str:
-    place, turn = ", ".join(f"{x:.1f}" for x in pose[:3]), ", ".join(f"{x:.3f}" for x in pose[3:])
-    return message("start.pose", place=place, turn=turn)
+    return message("start.pose", place=", ".join(f"{x:.1f}" for x in pose[:3]), turn=", ".join(f"{x:.3f}" for x in pose[3:]))

@@ -2,8 +2,6 @@
 
 What redundant channels tell of their origins, and absolute ones of a start that nobody stated, is determined by the run so far: it is
 learned whenever the run has become twice as long, by what `reconstruct` does with the samples that there are, and followed from there on.
-
-From a sample's counts to its pose, sample by sample, by what is known of a run: the ways that `live` follows.
 """
 
 import math
@@ -15,21 +13,9 @@ from typing import Protocol
 import numpy as np
 import scipy
 
+from lmeasure import kernels
 from lmeasure.acquisition import Samples
 from lmeasure.core import WORDS, FloatArray, LMeasureError, Status, TrajectoryError, angles_from_rotation, convention, se3
-from lmeasure.kernels import (
-    CHANGES,
-    CHANNEL_COLUMNS,
-    CHANNEL_SHIFT,
-    STATE,
-    changes_from_counts,
-    changes_of,
-    counts_from_changes,
-    follow_least_squares,
-    new_state,
-    step as live_step,
-    step_of,
-)
 from lmeasure.recording import Counts, Run, StartErrors, known
 from lmeasure.rig import CalibrationRecord, Rig, Unstated
 from lmeasure.sensors import Lengths, counts_from_poses, recorded_from_counts, span_rows
@@ -42,9 +28,9 @@ from lmeasure.trajectory.reconstruction.run_model import FREEDOMS, RunModel
 from lmeasure.trajectory.reconstruction.runs import prepare
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction, new_run_state, reconstruction_of, zero_readings
 from lmeasure.trajectory.time.passes import align
+from lmeasure.trajectory.uncertainty.sources import Situation
 
-SAMPLES = 10**6
-"""Of a recording, for which a sound one gives an alarm of a contradiction once in `SIGNIFICANCE`."""
+SAMPLES = 10**6  # Of a recording, for which a sound one gives an alarm of a contradiction once in `SIGNIFICANCE`
 
 
 class Way(Protocol):
@@ -59,7 +45,7 @@ class Way(Protocol):
 def channel_rows(rig: Rig) -> FloatArray:
     """(m, `CHANNEL_COLUMNS`) of the channels of a rig of one pass, as `kernels.live` takes them; a counter whose bits are not stated is
     taken as one that does not wrap."""
-    out = np.zeros((len(rig.observed), CHANNEL_COLUMNS))
+    out = np.zeros((len(rig.observed), kernels.CHANNEL_COLUMNS))
     for row, o in zip(out, rig.observed, strict=True):
         c = rig.counter(o)
         values = float(c.codes or 0) if c.counter_bits is None else 2.0**c.counter_bits
@@ -75,12 +61,12 @@ class SixCables:
         self._rows, self._start = reconstruction.model.scheme.rows, reconstruction.model.zero_pose
         self._u = np.sqrt(reconstruction.budget.length_variance)
         self._channels = channel_rows(reconstruction.model.rig)
-        self._state, self._counters = new_state(self._start), np.zeros((len(self._rows), STATE))
+        self._state, self._counters = kernels.new_state(self._start), np.zeros((len(self._rows), kernels.STATE))
 
     def step(self, time_s: float, recorded: FloatArray) -> tuple[int, FloatArray, float]:
         """As `Way` has it."""
         pose = np.empty(7)
-        status, angle = live_step(self._rows, self._start, self._state, self._counters, self._channels, time_s, recorded, self._u, pose)
+        status, angle = kernels.step(self._rows, self._start, self._state, self._counters, self._channels, time_s, recorded, self._u, pose)
         return status, pose, angle
 
 
@@ -95,14 +81,14 @@ class AnyChannels:
         self._start = reconstruction.model.zero_pose
         self._zero = zero_readings(reconstruction.model, rows, self._start)
         self._u, self._free = np.sqrt(reconstruction.budget.length_variance), reconstruction.model.scheme.free_index
-        self._channels, self._counters = channel_rows(reconstruction.model.rig), np.zeros((m, STATE))
+        self._channels, self._counters = channel_rows(reconstruction.model.rig), np.zeros((m, kernels.STATE))
         self._state = new_run_state(reconstruction.model)
         freedom = np.maximum(np.arange(m + 1) - len(self._free), 1)
         self._limit = scipy.stats.chi2.isf(SIGNIFICANCE / SAMPLES, freedom)
         self._limit[: len(self._free) + 1] = np.inf
         if reconstruction.redundancy is not None:
             # of all channels by the law of their rounding, of fewer by the normal one, which is never below it
-            begun = self._state[CHANGES : CHANGES + m]
+            begun = self._state[kernels.CHANGES : kernels.CHANGES + m]
             chance = reconstruction.redundancy.chance(self._epochs(0.0, begun), self._start[None], np.ones(m, np.bool_))
             self._limit[m] = chance.limit(SIGNIFICANCE / SAMPLES)
         # how many channels were read is only counted where any number of them would be too much
@@ -119,39 +105,25 @@ class AnyChannels:
 
     def _beginning(self, doubts: Doubts, time_s: FloatArray, recorded: FloatArray) -> None:
         """Go through what is known of the run."""
-        changes, flags = changes_of(self._rows, self._channels, self._counters, time_s, np.ascontiguousarray(recorded))
-        counts = shifted(doubts.shifts, time_s, counts_from_changes(self._rows, changes))
+        changes, flags = kernels.changes_of(self._rows, self._channels, self._counters, time_s, np.ascontiguousarray(recorded))
+        counts = shifted(doubts.shifts, time_s, kernels.counts_from_changes(self._rows, changes))
         for s in doubts.shifts:
-            self._channels[s.cable, CHANNEL_SHIFT] += s.counts if np.isinf(s.until_s) else 0.0
-        changes = changes_from_counts(self._rows, counts) - self.reconstruction.budget.offsets(time_s)
+            self._channels[s.cable, kernels.CHANNEL_SHIFT] += s.counts if np.isinf(s.until_s) else 0.0
+        changes = kernels.changes_from_counts(self._rows, counts) - self.reconstruction.budget.offsets(time_s)
         for d in doubts.every:
             mask = d.mask(time_s)
             changes[mask] = np.where((np.arange(len(self._rows)) == d.cable) | (d.cable == EVERY), np.nan, changes[mask])
             flags[mask] = d.status
         flags[flags == Status.OK] = Status.GAP
-        poses, _, _, status, angle, _ = follow_least_squares(
-            self._rows, self._start, self._zero, self._state, changes, flags, self._u, self._free
-        )
+        run = self._rows, self._start, self._zero, self._state
+        poses, _, _, status, angle, _ = kernels.follow_least_squares(*run, changes, flags, self._u, self._free)
         self.last = int(status[-1]), poses[-1], float(angle[-1])
 
     def step(self, time_s: float, recorded: FloatArray) -> tuple[int, FloatArray, float]:
         """As `Way` has it; a sample whose channels contradict each other is `INCONSISTENT`."""
         pose, change = np.empty(7), np.empty(len(self._rows))
-        status, angle, chi = step_of(
-            self._rows,
-            self._start,
-            self._zero,
-            self._state,
-            self._counters,
-            self._channels,
-            self._offsets,
-            time_s,
-            recorded,
-            self._u,
-            self._free,
-            pose,
-            change,
-        )
+        run = self._rows, self._start, self._zero, self._state, self._counters, self._channels, self._offsets
+        status, angle, chi = kernels.step_of(*run, time_s, recorded, self._u, self._free, pose, change)
         if status == Status.OK and self._doubt is not None:
             status = int(self._doubt)
         # by the counts alone is an upper bound of what they contradict each other by
@@ -175,19 +147,16 @@ class AnyChannels:
         redundancy = self.reconstruction.redundancy
         assert redundancy is not None
         rig, nothing = self.reconstruction.model.rig, np.full(1, "", dtype=np.object_)
-        counts = np.asarray(counts_from_changes(self._rows, np.where(np.isfinite(change), change, 0.0)[None]))
+        counts = np.asarray(kernels.counts_from_changes(self._rows, np.where(np.isfinite(change), change, 0.0)[None]))
         names, changes = tuple(o.name for o in rig.observed), change[None]
         lengths = Lengths(np.full(1, time_s), names, changes, counts, np.zeros(1, np.int64), nothing, nothing, gone_on=counts)
         return redundancy.epochs(lengths, None)
 
 
-START_UNKNOWN = "start_unknown"
-"""Status of a sample while nothing has determined yet where the run began."""
-FIRST = 50
-"""Samples by which a run is learned first; then by twice as many each time, and once more where a sample contradicts itself."""
+START_UNKNOWN = "start_unknown"  # Status of a sample while nothing has determined yet where the run began
+FIRST = 50  # Samples by which a run is learned first; then by twice as many each time, and once more where a sample contradicts itself
 COVARIANCE_EVERY_S = 0.2
-MOST = 2**17
-"""Samples of a run that are kept to learn from."""
+MOST = 2**17  # Samples of a run that are kept to learn from
 
 
 @dataclass(frozen=True)
@@ -289,22 +258,21 @@ class LivePose:
                         return self._sample(*way.last)
         if self._way is None:
             return LiveSample(START_UNKNOWN, np.full(7, np.nan), np.nan)
-        status, pose, angle = self._way.step(time_s, recorded)
-        if status == Status.INCONSISTENT and self.learns:
+        found = self._way.step(time_s, recorded)
+        if found[0] == Status.INCONSISTENT and self.learns:
             self._next = min(self._next, max(self._learned * 5 // 4, self._n + FIRST))
-        return self._sample(status, pose, angle)
+        return self._sample(*found)
 
     def covariance(self, pose: FloatArray) -> FloatArray | None:
         """(6, 6) covariance (rotation [rad]; tool origin [mm], base axes) of a pose (7,) of the run, slow as it may be: as `reconstruct`
-        states it, but for what only the run's course tells (its speed, play of drums, temperature). None while no pose is known.
-        """
+        states it, but for what only the run's course tells (its speed, play of drums, temperature). None while no pose is known."""
         if self._way is None:
             return None
         of = self._way.reconstruction
         model, rows, budget = of.model, of.model.scheme.rows, of.budget
-        counts = np.asarray(counts_from_changes(rows, span_rows(rows, pose[None])[0] - zero_readings(model, rows, model.zero_pose)))
+        counts = np.asarray(kernels.counts_from_changes(rows, span_rows(rows, pose[None])[0] - zero_readings(model, rows, model.zero_pose)))
         nothing = np.zeros_like(counts)
-        found = budget.of(np.zeros(1), pose[None], counts=counts, speed_mm_s=nothing, compiled=False, travel=nothing)
+        found = budget.of(Situation(np.zeros(1), pose[None], counts, nothing, travel=nothing), compiled=False)
         return np.asarray(found.random[0] + found.systematic[0])
 
     def _sample(self, status: int, pose: FloatArray, angle: float) -> LiveSample:

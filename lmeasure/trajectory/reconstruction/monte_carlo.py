@@ -1,5 +1,6 @@
 """Uncertainty by propagation of distributions (JCGM 101): the run is reconstructed again and again with its inputs drawn."""
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -31,13 +32,9 @@ def by_monte_carlo(
 ) -> Trajectory:
     """The trajectory with covariances from as many trials, each kind of error by itself.
 
-    Random: every count is anywhere within half a unit of what was recorded, and off by whatever else its length is
-    uncertain by at that sample (`Lengths.u_mm`). Systematic:
-    the rig's parameters are drawn from the linked calibration and what the rig states, the start pose and whatever else acts on the lengths
-    (the zero phase, the passes' clocks and places, temperature, drums and pulleys that run out) from their own laws, once per trial for the
-    whole run. Poses that a trial does not find are
-    left out of its sample's covariance.
-    TrajectoryError for fewer than 2 trials.
+    Random: every count is anywhere within half a unit of what was recorded, and off by whatever else its length is uncertain by at that
+    sample (`Lengths.u_mm`). Systematic: the rig's parameters, the start pose and whatever else acts on the lengths are drawn from their own
+    laws, once per trial for the whole run. Poses that a trial does not find are left out. TrajectoryError for fewer than 2 trials.
     """
     if trials < 2:
         raise TrajectoryError(message("error.monte_carlo_trials_tell", trials=trials))
@@ -79,24 +76,19 @@ def by_monte_carlo(
         changes = changes + shifts @ drawn(budget.by_length, generator) + by_parts @ values
         return reconstruction.solve(moved, budget.drawn_start(generator, moved), changes, lengths.flags)
 
-    done = [0]
+    done = itertools.count(1)
 
     def step() -> None:
-        done[0] += 1
         if progress is not None:
-            progress(done[0], of)
+            progress(next(done), of)
 
     base = reconstruction.solve(rows, start, lengths.change_mm, lengths.flags)
     random = _scatter(random_trial, base, trials, step)
     systematic = _scatter(systematic_trial, base, trials, step) if budget.sources else np.zeros_like(random)
     unknown = np.isnan(trajectory.random)
     random[unknown] = systematic[unknown] = np.nan
-    return replace(
-        trajectory,
-        random=random,
-        systematic=systematic,
-        covers=message("trajectory.monte_carlo_trials_jcgm", sources=trajectory.covers, trials=trials),
-    )
+    covers = message("trajectory.monte_carlo_trials_jcgm", sources=trajectory.covers, trials=trials)
+    return replace(trajectory, random=random, systematic=systematic, covers=covers)
 
 
 def _drawn_by_estimate(

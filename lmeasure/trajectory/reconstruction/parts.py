@@ -22,8 +22,7 @@ from lmeasure.trajectory.files.write import trajectory_writer
 from lmeasure.trajectory.reconstruction.runs import Judge, Progress, StreamedRun, covered, prepare, with_evidence
 from lmeasure.trajectory.reconstruction.screw_method import Place, Reconstruction
 
-PIECES = 64
-"""Pieces of `PIECE_ROWS` samples in a part: about a million samples."""
+PIECES = 64  # Pieces of `PIECE_ROWS` samples in a part: about a million samples
 
 
 @dataclass(frozen=True)

@@ -58,8 +58,7 @@ class Scheme:
         """The start pose (7,); of the attachment point where only that is measured."""
         if self.point is None:
             return start
-        place = se3.apply(start, self.place)
-        return np.concatenate([place, [0.0, 0.0, 0.0, 1.0]])
+        return np.concatenate([se3.apply(start, self.place), [0.0, 0.0, 0.0, 1.0]])
 
 
 def scheme_of(rig: Rig, start: FloatArray, constraint: str | None = None) -> Scheme:
@@ -70,37 +69,22 @@ def scheme_of(rig: Rig, start: FloatArray, constraint: str | None = None) -> Sch
     held = constraint or rig.constraint
     rows, used = rig.cable_rows(rig.observed), sorted({c.to_point for c in rig.observed if c.to_point})
     m = len(rows)
-    channels = "cables" if m == len(rig.cable) else "channels"
+    has = {"name": rig.name, "m": m, "channels": "cables" if m == len(rig.cable) else "channels"}
     if held is not None:
         if held not in CONSTRAINTS:
             raise RigError(message("error.constraint_is_not_one", held=held, constraints=", ".join(CONSTRAINTS)))
         free = CONSTRAINTS[held]
         if m < len(free):
-            raise RigError(
-                message(
-                    "error.rig_has_constraint_leaves", name=rig.name, m=m, channels=channels, held=held, n=len(free), free=", ".join(free)
-                )
-            )
+            raise RigError(message("error.rig_has_constraint_leaves", **has, held=held, n=len(free), free=", ".join(free)))
         return Scheme(rows, free, held=", ".join(f for f in FREEDOMS if f not in free), constraint=held)
     if len(used) == 1 and not rig.measures_turns:
         if m < CABLES_FOR_A_POINT:
-            raise RigError(
-                message("error.rig_has_to_its", name=rig.name, m=m, channels=channels, used=used[0], cables_for_a_point=CABLES_FOR_A_POINT)
-            )
+            raise RigError(message("error.rig_has_to_its", **has, used=used[0], cables_for_a_point=CABLES_FOR_A_POINT))
         rows[:, ATTACHMENT_XYZ] = 0.0
         return Scheme(rows, FREEDOMS[3:], point=used[0], place=rig.tool[used[0]])
     if m < len(FREEDOMS):
-        raise RigError(
-            message(
-                "error.rig_has_and_leaves",
-                name=rig.name,
-                m=m,
-                channels=channels,
-                n_freedoms=len(FREEDOMS) - m,
-                unmeasured=_unmeasured(rows, start),
-                constraints=" or ".join(repr(c) for c in CONSTRAINTS),
-            )
-        )
+        lacks = {"n_freedoms": len(FREEDOMS) - m, "unmeasured": _unmeasured(rows, start)}
+        raise RigError(message("error.rig_has_and_leaves", **has, **lacks, constraints=" or ".join(repr(c) for c in CONSTRAINTS)))
     if not rig.measures_turns:
         rig.require_spread()
     return Scheme(rows, FREEDOMS)
@@ -194,9 +178,8 @@ class Correction:
     def _situation(self, counts: FloatArray, temperature_c: FloatArray | None) -> tuple[Zero, FloatArray]:
         """Where the run starts, and the temperatures (n, m) of its samples."""
         start = self._effects.reference_c if self._temperature_c is None else self._temperature_c
-        warm = np.full(counts.shape, start)
-        if temperature_c is not None:
-            warm = np.where(np.isfinite(temperature_c), temperature_c, start)
+        known = np.nan if temperature_c is None else temperature_c
+        warm = np.where(np.isfinite(known), known, np.full(counts.shape, start))
         return zero_at(self._start, counts.shape[1], start), warm
 
 

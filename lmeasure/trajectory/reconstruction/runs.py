@@ -47,10 +47,8 @@ from lmeasure.trajectory.uncertainty.budget import CHUNK, RESTORED_ORIGIN, Budge
 from lmeasure.trajectory.uncertainty.sources import LIGHT_RAD, PassClock, Situation, needed_zero, zeros_of
 
 Progress = Callable[[int, int], None]
-LEAST_AXIAL_MM = 0.001
-"""Difference of lengths by which axial offsets hold elsewhere, up to which it is not reported."""
-SURE_S = 86400.0
-"""A counter that no rate takes through half its range for as long is asked for nothing."""
+LEAST_AXIAL_MM = 0.001  # Difference of lengths by which axial offsets hold elsewhere, up to which it is not reported
+SURE_S = 86400.0  # A counter that no rate takes through half its range for as long is asked for nothing
 Each = Callable[[Counts, Lengths, Trajectory], None]
 """What is done with a piece of a run: its recorded counts, its lengths and its part of the trajectory."""
 Judge = Callable[[Reconstruction], tuple[Message, ...]]
@@ -98,17 +96,8 @@ def prepare(source: LengthSource, constraint: str | None = None, repeatability_m
             zeroed = rig.zeroed_at(start, counts[0])
             own = source.zeroed(zeroed)
             begun = begun if own is source else changes_from_counts(zeroed, counts, rig.observed)[0]
-        model = RunModel(
-            zeroed,
-            start,
-            run.calibration,
-            constraint,
-            clocks=source.clocks,
-            repeatability_mm=repeatability_mm,
-            temperature_c=run.temperature_c,
-            begun=begun,
-            exact=run.unstated == "exact",
-        )
+        model = RunModel(zeroed, start, run.calibration, constraint, clocks=source.clocks, begun=begun, exact=run.unstated == "exact")
+        model = replace(model, repeatability_mm=repeatability_mm, temperature_c=run.temperature_c)
         if begun is None:
             model = replace(model, u_start=run.start_errors.u, assumed_start=run.start_errors.assumed)
         if run.temperature_c is None and (model.correction is not None or model.temperatures_assumed):
@@ -178,10 +167,8 @@ def reconstruct(
     if trials:
         trajectory = by_monte_carlo(reconstruction, lengths, trajectory, trials, seed=seed, progress=progress)
     trajectory = with_evidence(reconstruction, trajectory, lengths, aligned, covariances=covariances)
-    notes = (*trajectory.notes, *more, *aligned.notes)
-    if run.rig.passes > 1 and repeatability_mm == 0.0:
-        notes = (*notes, message("passes.repeatability"))
-    return replace(trajectory, time_s=aligned.stamp_s, notes=notes)
+    unstated = (message("passes.repeatability"),) if run.rig.passes > 1 and repeatability_mm == 0.0 else ()
+    return replace(trajectory, time_s=aligned.stamp_s, notes=(*trajectory.notes, *more, *aligned.notes, *unstated))
 
 
 def can_stream(head: RunHead) -> bool:
@@ -329,16 +316,13 @@ def with_evidence(
     that are suspected, and what does not close in the systematic covariances."""
     evidence, budget, scheme = source.evidence, reconstruction.budget, reconstruction.model.scheme
     unseen = () if evidence.unseen is None else (evidence.unseen,)
-    more = (
-        *reconstruction.doubts.notes,
-        *evidence.notes,
-        *unseen,
+    counters = (*notes_of(source.run.recorded), *reconstruction.doubts.notes, *evidence.notes, *unseen)
+    stated = (
         *_redundancy_notes(reconstruction.model, evidence),
         *_phase_notes(reconstruction),
         *_zero_notes(reconstruction.model, lengths),
-        *reconstruction.reliability,
     )
-    trajectory = replace(trajectory, notes=(*trajectory.notes, *notes_of(source.run.recorded), *more))
+    trajectory = replace(trajectory, notes=(*trajectory.notes, *counters, *stated, *reconstruction.reliability))
     if evidence.sound:
         return trajectory
     unused, ok = unused_channels(trajectory, lengths.cables), trajectory.status == Status.OK
@@ -405,13 +389,9 @@ def _redundancy_notes(model: RunModel, evidence: Evidence) -> list[Message]:
 
 
 def _redundancy_note(scheme: Scheme) -> Message:
-    of: dict[str, int] = {"cables": len(scheme.rows), "unknowns": len(scheme.free)}
+    of = {"cables": len(scheme.rows), "unknowns": len(scheme.free)} | ({"spare": scheme.redundancy} if scheme.redundancy > 1 else {})
     channels = ".channels" if scheme.rows[:, KIND].any() else ""
-    if scheme.redundancy == 0:
-        return message(f"redundancy.none{channels}", **of)
-    if scheme.redundancy == 1:
-        return message(f"redundancy.one{channels}", **of)
-    return message(f"redundancy.more{channels}", spare=scheme.redundancy, **of)
+    return message(f"redundancy.{('none', 'one', 'more')[min(scheme.redundancy, 2)]}{channels}", **of)
 
 
 def covered(covers: str, evidence: Evidence) -> str:
@@ -459,53 +439,32 @@ def covariances(
     aligned = align(run)
     run, lengths = aligned.run, aligned.lengths
     if len(aligned.stamp_s) != len(trajectory.time_s) or not np.allclose(aligned.stamp_s, trajectory.time_s, rtol=0.0, atol=1e-9):
-        raise TrajectoryError(
-            message(
-                "error.has_samples_the_trajectory",
-                where=run.passes[0].source,
-                n_time_s=len(lengths.time_s),
-                n_time_s2=len(trajectory.time_s),
-            )
-        )
+        numbers = {"n_time_s": len(lengths.time_s), "n_time_s2": len(trajectory.time_s)}
+        raise TrajectoryError(message("error.has_samples_the_trajectory", where=run.passes[0].source, **numbers))
     reconstruction = prepare(aligned, constraint, repeatability_mm)
     aligned = aligned.zeroed(reconstruction.model.rig)
     # as they were used: some counts are not, and those of restored channels are
     lengths = aligned.lengths_of(reconstruction.doubts)
     budget, scheme = reconstruction.budget, reconstruction.model.scheme
     chosen = slice(None) if samples is None else samples
-    speed, u_mm = budget.speed_mm_s(lengths)[chosen], None if lengths.u_mm is None else lengths.u_mm[chosen]
-    poses = trajectory.poses[chosen].copy()
+    time_s, counts, poses = lengths.time_s[chosen], lengths.counts[chosen], trajectory.poses[chosen].copy()
+    speed, travel = budget.speed_mm_s(lengths)[chosen], budget.travel(lengths)
+    u_mm, warm, travel = (None if given is None else given[chosen] for given in (lengths.u_mm, lengths.temperature_c, travel))
     if scheme.point is not None:
         # of the point alone: any orientation will do, for the rows have no arms
         known = ~np.isnan(poses[:, 0])
         poses[known, 3:] = (0.0, 0.0, 0.0, 1.0)
-    warm = None if lengths.temperature_c is None else lengths.temperature_c[chosen]
-    travel = budget.travel(lengths)
-    travel = None if travel is None else travel[chosen]
     unused = unused_channels(trajectory, lengths.cables)[chosen]
-    found = budget.of(
-        lengths.time_s[chosen],
-        poses,
-        counts=lengths.counts[chosen],
-        speed_mm_s=speed,
-        u_mm=u_mm,
-        unused=unused,
-        temperature_c=warm,
-        travel=travel,
-    )
+    found = budget.of(Situation(time_s, poses, counts, speed, warm, travel), u_mm, unused)
     if aligned.evidence.closure_mm.any() or aligned.evidence.late_s.any():
-        at = Situation(lengths.time_s[chosen], poses, lengths.counts[chosen], lengths.speed_mm_s[chosen])
+        at = Situation(time_s, poses, counts, lengths.speed_mm_s[chosen])
         closing = _closure_factors(budget, aligned.evidence, at, unused)
-        sources = (*found.sources, *(CLOSURE,) * closing.shape[2])
-        uniform = (*found.uniform, *(False,) * closing.shape[2])
-        assumed = (*found.assumed, *("",) * closing.shape[2])
-        factors = np.concatenate([found.factors, closing], axis=2)
-        found = replace(found, factors=factors, sources=sources, uniform=uniform, assumed=assumed)
-    return found if scheme.point is None else _of_position(found)
-
-
-def _of_position(found: PoseCovariances) -> PoseCovariances:
-    """The same where the orientation is not measured: NaN."""
+        k, factors = closing.shape[2], np.concatenate([found.factors, closing], axis=2)
+        uniform, assumed = (*found.uniform, *(False,) * k), (*found.assumed, *("",) * k)
+        found = replace(found, factors=factors, sources=(*found.sources, *(CLOSURE,) * k), uniform=uniform, assumed=assumed)
+    if scheme.point is None:
+        return found
+    # the orientation is not measured
     own, factors = found.own.copy(), found.factors.copy()
     own[:, :3] = factors[:, :3] = np.nan
     return replace(found, own=own, factors=factors)

@@ -14,21 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from lmeasure import kernels
 from lmeasure.core import BoolArray, FloatArray, GeometryError, IntArray, Status, TextArray, TrajectoryError, se3
-from lmeasure.kernels import (
-    ATTACHMENT_XYZ,
-    BASE_XYZ,
-    CHANGES,
-    CLEAR_OF_SINGULAR,
-    LOST,
-    MAX_STEP_ROTATION,
-    NEAR_MM,
-    TOLERANCE_MM,
-    follow_lanes,
-    follow_least_squares,
-    follow_redundant_lanes,
-    resume_screw,
-)
 from lmeasure.linkages import Split, pressure_angles
 from lmeasure.sensors import Lengths, arms, span_lengths, span_rows
 from lmeasure.text import JOINED, Message, and_also, message, without
@@ -37,7 +24,7 @@ from lmeasure.trajectory.faults.redundancy import Epochs, Redundancy
 from lmeasure.trajectory.files.trajectory import NAMES, Trajectory
 from lmeasure.trajectory.reconstruction.run_model import FREEDOMS, RunModel
 from lmeasure.trajectory.uncertainty.budget import RESTORED_ORIGIN, Budget
-from lmeasure.trajectory.uncertainty.sources import OriginEstimate
+from lmeasure.trajectory.uncertainty.sources import OriginEstimate, Situation
 
 ANCHORS = 2000  # more, as of a long way, and compiling costs less
 STEPS = 6
@@ -69,25 +56,25 @@ def follow_together(cables: FloatArray, start: FloatArray, state: FloatArray, ch
         if not (determinants * side > 0.0).all():
             return None
         angles = pressure_angles(rows, arms(cables, solved)).max(axis=1)
-        if not (angles <= CLEAR_OF_SINGULAR).all():
+        if not (angles <= kernels.CLEAR_OF_SINGULAR).all():
             return None
     n = len(changes)
     poses, residual, angle = np.full((n, 7), np.nan), np.full(n, np.nan), np.full(n, np.nan)
     iterations = np.zeros(n, np.int64)
     poses[index], residual[index], iterations[index] = solved, worst, steps
     angle[index] = angles
-    state[:CHANGES], state[CHANGES:LOST] = solved[-1], wanted[-1]
+    state[: kernels.CHANGES], state[kernels.CHANGES : kernels.LOST] = solved[-1], wanted[-1]
     return poses, residual, iterations, flags.copy(), angle
 
 
 def _anchors(cables: FloatArray, zero: FloatArray, state: FloatArray, changes: FloatArray) -> FloatArray | None:
     """(n, 7) poses near those of the samples: of the last anchor, each NEAR_MM of length from the one before; None where samples are
     farther apart, anchors too many, or one is not found."""
-    pose, there = state[:CHANGES].copy(), state[CHANGES:LOST].copy()
+    pose, there = state[: kernels.CHANGES].copy(), state[kernels.CHANGES : kernels.LOST].copy()
     out = np.empty((len(changes), 7))
     begin, anchors = 0, 0
     while True:
-        far = np.flatnonzero(np.abs(changes[begin:] - there).max(axis=1) > NEAR_MM)
+        far = np.flatnonzero(np.abs(changes[begin:] - there).max(axis=1) > kernels.NEAR_MM)
         end = begin + int(far[0]) if len(far) else len(changes)
         out[begin:end] = pose
         if end == len(changes):
@@ -110,16 +97,16 @@ def _newton(cables: FloatArray, poses: FloatArray, targets: FloatArray, most: in
         residuals = targets - lengths
         worst = np.abs(residuals).max(axis=1)
         largest = float(worst.max())
-        if not largest <= 2.0 * NEAR_MM:  # NaN is no answer either
+        if not largest <= 2.0 * kernels.NEAR_MM:  # NaN is no answer either
             return None
-        if largest <= TOLERANCE_MM or (largest < FLOOR_MM and largest >= 0.5 * previous):
+        if largest <= kernels.TOLERANCE_MM or (largest < FLOOR_MM and largest >= 0.5 * previous):
             return poses, worst, rows, step
         previous = largest
         try:
             twist = np.linalg.solve(rows, residuals[:, :, None])[:, :, 0]
         except np.linalg.LinAlgError:
             return None
-        if not np.linalg.norm(twist[:, :3], axis=1).max() <= MAX_STEP_ROTATION:
+        if not np.linalg.norm(twist[:, :3], axis=1).max() <= kernels.MAX_STEP_ROTATION:
             return None
         # a turn and a shift of the tool origin; Newton's order does not need the screw between two steps
         poses = se3.displaced(poses, twist)
@@ -128,14 +115,13 @@ def _newton(cables: FloatArray, poses: FloatArray, targets: FloatArray, most: in
 
 PROBES = 12  # to either side of a pose
 NEWTON_STEPS = 15
-SOLVED_MM, APART_MM = 1e-6, 1e-2
-"""Lengths met, and poses farther apart than a solution of the same one ends."""
+SOLVED_MM, APART_MM = 1e-6, 1e-2  # Lengths met, and poses farther apart than a solution of the same one ends
 NEARLY = 88.0  # worst pressure angle [deg] from which a pose that is known says what is seen badly
 
 
 def split_at(cables: FloatArray, pose: FloatArray, free: IntArray, u: FloatArray) -> Split:
     """The split at a pose (7,) of cables (m, columns) with free components free (f,) of the twist and uncertain by u (m,) [mm]."""
-    size = max(float(np.linalg.norm(cables[:, ATTACHMENT_XYZ], axis=1).max()), 1e-3)
+    size = max(float(np.linalg.norm(cables[:, kernels.ATTACHMENT_XYZ], axis=1).max()), 1e-3)
     return Split(span_rows(cables, pose[None])[1][0], pose[:3], free, u, size_mm=size)
 
 
@@ -160,7 +146,8 @@ def other_near(cables: FloatArray, start: FloatArray, within_mm: float) -> tuple
     from places along it, to both sides, ends at the other one.
     """
     six = np.arange(6)
-    twist, rim = split_at(cables, start, six, np.ones(6)).twist, max(float(np.linalg.norm(cables[:, ATTACHMENT_XYZ], axis=1).max()), 1e-3)
+    twist = split_at(cables, start, six, np.ones(6)).twist
+    rim = max(float(np.linalg.norm(cables[:, kernels.ATTACHMENT_XYZ], axis=1).max()), 1e-3)
     unit = np.repeat([1.0 / rim, 1.0], 3)
     aim = span_rows(cables, start[None])[0]
     reach = within_mm * np.geomspace(1.0, 1e-3, PROBES)
@@ -280,23 +267,10 @@ class Reconstruction:
                 if self.redundancy is not None:
                     parities = self.redundancy.parities(self.redundancy.epochs(lengths, travel), poses)
                     chi_squared = np.where(parities.freedom > 0, parities.chi_squared, np.nan)
-            trajectory = Trajectory(
-                lengths.time_s,
-                poses,
-                residual,
-                iterations,
-                status,
-                cause,
-                cable,
-                np.degrees(angle),
-                random,
-                systematic,
-                self.budget.covers,
-                (*lengths.notes, *self.notes),
-                chi_squared,
-                self.budget.assumed_of_run(poses, lengths, unused, travel=travel),
-                u95_assumed_mm=assumed_mm,
-            )
+            solved = lengths.time_s, poses, residual, iterations, status, cause, cable, np.degrees(angle)
+            notes, assumed = (*lengths.notes, *self.notes), self.budget.assumed_of_run(poses, lengths, unused, travel=travel)
+            uncertain = random, systematic, self.budget.covers
+            trajectory = Trajectory(*solved, *uncertain, notes, chi_squared, assumed, u95_assumed_mm=assumed_mm)
             yield _without_orientation(trajectory) if scheme.point else trajectory
 
     def examine(self, pieces: Iterable[Lengths]) -> Iterator[tuple[Lengths, FloatArray, FloatArray, FloatArray | None]]:
@@ -327,7 +301,7 @@ class Reconstruction:
     def solve(self, rows: FloatArray, start: FloatArray, changes: FloatArray, flags: IntArray) -> FloatArray:
         """Return (n, 7) poses of a whole run by other rows of cables, from another start, changes (n, m) [mm] and flags (n,); NaN where
         none is found."""
-        return np.asarray(self._follow(rows, start, _new_state(self.model, start), changes, flags)[0])
+        return np.asarray(self._follow(rows, start, new_run_state(self.model, start), changes, flags)[0])
 
     def poses_of(self, changes: FloatArray) -> FloatArray:
         """Return (n, 7) poses of samples of a run by changes (n, m) of its channels, NaN for one that is not used."""
@@ -345,10 +319,10 @@ class Reconstruction:
     def _follow(self, rows: FloatArray, start: FloatArray, state: FloatArray, changes: FloatArray, flags: IntArray) -> tuple[Any, ...]:
         scheme, u = self.model.scheme, np.sqrt(self.budget.length_variance)
         if scheme.six:
-            follow = follow_lanes if len(changes) >= COMPILING_PAYS else resume_screw
+            follow = kernels.follow_lanes if len(changes) >= COMPILING_PAYS else kernels.resume_screw
             return tuple(follow(rows, start, state, changes, flags, u))
         in_lanes = len(changes) >= LANES_PAY and scheme.redundancy and len(scheme.free) == len(FREEDOMS)
-        by = follow_redundant_lanes if in_lanes else follow_least_squares
+        by = kernels.follow_redundant_lanes if in_lanes else kernels.follow_least_squares
         return tuple(by(rows, start, zero_readings(self.model, rows, start), state, changes, flags, u, scheme.free_index))
 
     def _remarks(
@@ -382,7 +356,7 @@ class Reconstruction:
         m = len(u)
         before = np.maximum.accumulate(np.where(status == Status.OK, np.arange(len(status)), -1))
         for last in np.unique(before[singular]):
-            pose, there = (begun[:CHANGES], begun[CHANGES : CHANGES + m]) if last < 0 else (poses[last], changes[last])
+            pose, there = np.split(begun[: kernels.CHANGES + m], [kernels.CHANGES]) if last < 0 else (poses[last], changes[last])
             mine = np.flatnonzero(singular & (before == last))
             explained = explain(split_at(self.model.scheme.rows, pose, free, u), changes[mine] - there)
             for i, said in zip(mine, explained, strict=True):
@@ -403,7 +377,7 @@ def reconstruction_of(model: RunModel) -> Reconstruction:
     rig, start, scheme, zero_pose = model.rig, model.start, model.scheme, model.zero_pose
     rows = rig.cable_rows(rig.observed)
     drawn = rows[: len(rig.cable)]
-    on = np.abs(se3.apply(start, drawn[:, ATTACHMENT_XYZ]) - drawn[:, BASE_XYZ]).max(axis=1) == 0.0
+    on = np.abs(se3.apply(start, drawn[:, kernels.ATTACHMENT_XYZ]) - drawn[:, kernels.BASE_XYZ]).max(axis=1) == 0.0
     if on.any():
         lost = rig.cable[int(np.argmax(on))]
         raise GeometryError(message("error.start_cable_lies_on", name=lost.name, to_point=lost.to_point, from_point=lost.from_point))
@@ -415,9 +389,8 @@ def reconstruction_of(model: RunModel) -> Reconstruction:
     budget, state = Budget(model), new_run_state(model)
     _ = model.loose_zeros
     fresh = Reconstruction(model, budget, state, compiled=False)
-    (_, _, _, status, angle, *_), compiled = fresh._next(
-        state, _changes_at(model, zero_pose)[None], np.zeros(1, np.int64), by_kernels=False
-    )
+    begun, flags = _changes_at(model, zero_pose)[None], np.zeros(1, np.int64)
+    (_, _, _, status, angle, *_), compiled = fresh._next(state, begun, flags, by_kernels=False)
     if status[0] != Status.OK:
         split = split_at(scheme.rows, zero_pose, scheme.free_index, np.sqrt(budget.length_variance))
         raise TrajectoryError(message("error.start_not_determined", causes=_CAUSES[Status(status[0])], said=split.lost.said))
@@ -444,7 +417,7 @@ def _check_side(budget: Budget, angle: float) -> None:
     the worst pressure angle [rad] there."""
     scheme, start = budget.scheme, budget.model.zero_pose
     nothing = np.zeros((1, len(scheme.rows)))
-    found = budget.of(np.zeros(1), start[None], counts=nothing, speed_mm_s=nothing, compiled=False, travel=nothing)
+    found = budget.of(Situation(np.zeros(1), start[None], nothing, nothing, travel=nothing), compiled=False)
     systematic = found.systematic[0]
     split = split_at(scheme.rows, start, scheme.free_index, np.sqrt(budget.length_variance))
     part = split.twist * split.metric  # of an error of the start that is this twist [mm]
@@ -455,13 +428,10 @@ def _check_side(budget: Budget, angle: float) -> None:
         raise TrajectoryError(message("error.start_within_its_uncertainty", angle=np.degrees(angle), said=split.lost.said))
 
 
-def new_run_state(model: RunModel) -> FloatArray:
-    """Return where a run has got to at its start, (8 + m,), as `kernels.least_squares` has it."""
-    return _new_state(model, model.zero_pose)
-
-
-def _new_state(model: RunModel, start: FloatArray) -> FloatArray:
-    """Return where a run has got to at its start, without compiling: the start pose, no change of the cables, not lost."""
+def new_run_state(model: RunModel, start: FloatArray | None = None) -> FloatArray:
+    """Return where a run has got to at its start, (8 + m,), as `kernels.least_squares` has it, without compiling: the start pose, no change
+    of the cables, not lost. start (7,): another one than the model's."""
+    start = model.zero_pose if start is None else start
     return np.concatenate([start, _changes_at(model, start), [0.0]])
 
 

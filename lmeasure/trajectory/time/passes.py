@@ -95,9 +95,8 @@ def align(run: Run | Alignment) -> Alignment:
         later = replace(run.passes[number - 1], time_s=both[1].time_s)
         edges = first.rising(), later.rising()
         if len(edges[0]) != len(edges[1]):
-            raise TrajectoryError(
-                message("error.pass_has_rising_sync", where=later.source, number=number, n_edges=len(edges[1]), n_edges2=len(edges[0]))
-            )
+            several = {"n_edges": len(edges[1]), "n_edges2": len(edges[0])}
+            raise TrajectoryError(message("error.pass_has_rising_sync", where=later.source, number=number, **several))
         u_stamp = float(np.hypot(both[0].u_time_s, both[1].u_time_s))
         shift, rate, u = _clock(edges[0], edges[1], _period(first), _period(later), u_stamp)
         if not abs(rate - 1.0) <= CLOCKS:
@@ -127,9 +126,8 @@ def _stamps(run: Run, number: int) -> Stamps:
 def _said(number: int, stamps: Stamps) -> Message:
     intervals = 1e3 * np.diff(stamps.stamp_s)
     apart = {"number": number, "least_ms": float(intervals.min()), "most_ms": float(intervals.max())}
-    if stamps.kind == "even":
-        return message("stamps.pass.even", **apart)
-    return message("stamps.pass.uneven", **apart, error_ms=1e3 * stamps.u_time_s)
+    error = {} if stamps.kind == "even" else {"error_ms": 1e3 * stamps.u_time_s}
+    return message(f"stamps.pass.{stamps.kind}", **apart, **error)
 
 
 def _uncertain(edges: FloatArray, u_s: float, both: tuple[Stamps, Stamps]) -> PassClock:

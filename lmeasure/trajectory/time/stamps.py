@@ -1,18 +1,15 @@
 """Time stamps that jitter: when samples were taken in truth, and how uncertain that is.
 
 Gaps, after which the stamps stay behind, part a record into stretches, and no fit goes over one. Nothing else is looked for where stamps
-come evenly, or so nearly that a sample's place does not feel it. Else two explanations are compared with the motion: a tool moves
-smoothly in time, so that places against the right instants leave nothing but their own noise about local cubics, while wrong instants
-leave the speed times the error of the time. Either the samples were taken evenly and the host stamped them as it got
-round to it (`clock`): then the even times are taken, and the stamps say how long a period is. Or they were taken when the host asked:
-then its stamps stay, and the noise that the motion shows about them is theirs. So they do where even times would be off the stamps by more
-than those scatter.
+come evenly, or so nearly that a sample's place does not feel it. Else two explanations are compared with the motion: a tool moves smoothly
+in time, so that places against the right instants leave nothing but their own noise about local cubics, while wrong instants leave the
+speed times the error of the time. Either the samples were taken evenly and the host stamped them as it got round to it (`clock`): then the
+even times are taken, and the stamps say how long a period is. Or they were taken when the host asked: then its stamps stay, and the noise
+that the motion shows about them is theirs. So they do where even times would be off the stamps by more than those scatter.
 
 The motion shows whether neighbouring samples are even, within a few samples; only stamps show whether the period is the same a second
 later. Intervals of stamps that err each on its own add up to a random walk, which grows with the square root of time, and is the host's if
 neighbouring samples are even: then even times are taken. What grows faster, or what the device's own errors may add up to, is no such walk.
-
-Samples that come evenly, under stamps that do not: their numbers, holes counted, and the clock that the stamps show of them.
 
 A host stamps a sample late by what it was busy with: never early, several at once behind a pause. What a device took evenly therefore
 lies on a line of stamp against number, and the scatter about it is the stamps' own. A sample that was lost leaves a hole of whole
@@ -31,46 +28,29 @@ from numpy.typing import NDArray
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.text import Message, message
 
-LAG = 50
-"""Samples over which a first period is taken."""
-BESIDE = 7
-"""Steps of the tool that one is held against."""
-CLEAR = 10.0
-"""Standard uncertainties of a place that a step must have to tell by how many periods it went."""
+LAG = 50  # Samples over which a first period is taken
+BESIDE = 7  # Steps of the tool that one is held against
+CLEAR = 10.0  # Standard uncertainties of a place that a step must have to tell by how many periods it went
 LEVEL, AT_REST = 25, 40
 """Samples on either side of a hole by which the stamps confirm it where the motion shows it, and find it where the tool rests."""
 SURE, LIKELY, WHOLE = 0.6, 0.2, 0.25
 """Of a period: by how much stamps must stay behind for a hole, by how much where the motion shows it too, which must then be as near to
 whole ones."""
-PAUSE_S = 1.0
-"""Behind a longer one the device may have started anew: its phase is not that of before."""
-AROUND = 50
-"""Samples on either side of an interval by which it is a gap."""
-GAP = 2.5
-"""Usual intervals: a longer one, after which the stamps stay behind, is a gap of the record."""
-CATCHES_UP = 0.5
-"""Of a period by sample: so fast a host that was held up comes back at least."""
-FINE = 0.1
-"""Of a period: stamps that scatter by less show a hole of a part of one."""
-OFF = 6.0
-"""Scatters of the stamps by which a gap is longer than the usual interval, and such a hole differs from whole periods."""
+PAUSE_S = 1.0  # Behind a longer one the device may have started anew: its phase is not that of before
+AROUND = 50  # Samples on either side of an interval by which it is a gap
+GAP = 2.5  # Usual intervals: a longer one, after which the stamps stay behind, is a gap of the record
+CATCHES_UP = 0.5  # Of a period by sample: so fast a host that was held up comes back at least
+FINE = 0.1  # Of a period: stamps that scatter by less show a hole of a part of one
+OFF = 6.0  # Scatters of the stamps by which a gap is longer than the usual interval, and such a hole differs from whole periods
 BLOCKS, LEAST_OF_BLOCK = 32, 25
-CONTRADICTED = 8.0
-"""Standard uncertainties of the level of a block of stamps by which it lies off an even clock that they do not keep."""
-LEAST_PART = 10
-"""One of so many samples of a block is earlier than its level: the least alone may be numbered wrongly."""
-OF_LATENCY = 0.2
-"""Of the latencies' median above that level: by so much a host that is busy raises it."""
-LEAST_LAG, OF_LAG = 4, 48
-"""Samples over which a random walk of stamps is looked for at least, and parts of a record over which at most."""
-WALKS = 2.0
-"""Times by which second differences over the longest lag exceed those of neighbours, where intervals of stamps add up."""
-STRAYS = 2.0
-"""Standard deviations of the end of a random walk by which it strays from the line between its ends: 7 of 10,000 stray farther."""
-MEDIAN_SQUARE = 0.4549
-"""Median over mean of the square of a normal deviate."""
-WHITE = 1.3
-"""Durbin and Watson's statistic of the blocks below which they wander: 2 where they scatter, 2 % of 30 such below 1.3."""
+CONTRADICTED = 8.0  # Standard uncertainties of the level of a block of stamps by which it lies off an even clock that they do not keep
+LEAST_PART = 10  # One of so many samples of a block is earlier than its level: the least alone may be numbered wrongly
+OF_LATENCY = 0.2  # Of the latencies' median above that level: by so much a host that is busy raises it
+LEAST_LAG, OF_LAG = 4, 48  # Samples over which a random walk of stamps is looked for at least, and parts of a record over which at most
+WALKS = 2.0  # Times by which second differences over the longest lag exceed those of neighbours, where intervals of stamps add up
+STRAYS = 2.0  # Standard deviations of the end of a random walk by which it strays from the line between its ends: 7 of 10,000 stray farther
+MEDIAN_SQUARE = 0.4549  # Median over mean of the square of a normal deviate
+WHITE = 1.3  # Durbin and Watson's statistic of the blocks below which they wander: 2 where they scatter, 2 % of 30 such below 1.3
 PASSES = 5
 SETTLING = 4
 NORMAL_95 = 1.959963984540054
@@ -136,11 +116,6 @@ def gaps(stamps_s: FloatArray) -> tuple[BoolArray, BoolArray]:
     return long & stays, (long | part) & stays
 
 
-def stretches(begins: BoolArray) -> IntArray:
-    """Return (n,) numbers of stretches of samples, from intervals (n - 1,) behind which a new one begins."""
-    return _summed(begins)
-
-
 def numbers(stamps_s: FloatArray, places: FloatArray, u_mm: float, begins: BoolArray | None = None) -> Numbers:
     """Numbers of samples from stamps (n,), places (n, c) [mm] that are NaN where there is none, and the standard uncertainty of a place;
     begins (n - 1,): intervals behind which the device may have started anew, beside pauses."""
@@ -173,6 +148,7 @@ def numbers(stamps_s: FloatArray, places: FloatArray, u_mm: float, begins: BoolA
 
 
 def _summed(steps: NDArray[Any]) -> IntArray:
+    """(n,) sums of the steps (n - 1,) before each of n samples."""
     return np.concatenate([[0], np.cumsum(steps)]).astype(np.int64)
 
 
@@ -208,9 +184,9 @@ def _reconciled(stamps_s: FloatArray, steps: IntArray, clear: BoolArray, pause: 
 def _first_period(stamps_s: FloatArray, steps: IntArray, clear: BoolArray) -> float:
     """The median over long lags, of those in which the motion shows the holes where there are enough."""
     lag = min(LAG, max(len(steps) // 4, 1))
-    number = np.concatenate([[0], np.cumsum(steps)])
+    number = _summed(steps)
     per = (stamps_s[lag:] - stamps_s[:-lag]) / (number[lag:] - number[:-lag])
-    unclear = np.concatenate([[0], np.cumsum(~clear)])
+    unclear = _summed(~clear)
     sure = unclear[lag:] == unclear[:-lag]
     return float(np.median(per[sure] if sure.sum() >= LAG else per))
 
@@ -227,7 +203,7 @@ def _rise(behind: FloatArray, m: int) -> FloatArray:
 
 def _count_holes(stamps_s: FloatArray, steps: IntArray, period: float, known: BoolArray) -> bool:
     """Raise the steps (n - 1,) at the holes that stamps alone show, where the motion does not know; whether there were any."""
-    number = np.concatenate([[0], np.cumsum(steps)])
+    number = _summed(steps)
     rise = _rise(stamps_s - period * number, AT_REST)
     top = (rise > SURE * period) & (rise >= scipy.ndimage.maximum_filter1d(rise, 2 * AT_REST + 1)) & ~known
     top[: AT_REST // 2] = top[-(AT_REST // 2) :] = False  # too few on the other side
@@ -371,29 +347,21 @@ def _blocks(stretch: IntArray) -> list[slice]:
     return out
 
 
-LEAST = 32
-"""Samples from which anything can be said."""
-EVEN = 1e-3
-"""Of a period: scatter or error of the stamps below which they are sound."""
-FELT = 0.3
-"""Of a place's standard uncertainty: an error of place by time that adds less than a twentieth to it is none."""
-SIGNIFICANT = 3.0
-"""Standard deviations of chance beyond which stamps are found in error."""
-WINDOW, TERMS = 9, 4
-"""Samples of a window, and coefficients of its cubic."""
+LEAST = 32  # Samples from which anything can be said
+EVEN = 1e-3  # Of a period: scatter or error of the stamps below which they are sound
+FELT = 0.3  # Of a place's standard uncertainty: an error of place by time that adds less than a twentieth to it is none
+SIGNIFICANT = 3.0  # Standard deviations of chance beyond which stamps are found in error
+WINDOW, TERMS = 9, 4  # Samples of a window, and coefficients of its cubic
 WINDOWS, LEAST_WINDOWS = 4000, 8
 MOVING, OF_FASTEST = 2.0, 0.1
 """Standard uncertainties of a place by which the stamps' scatter must move it where the motion is to tell anything, and part of the
 largest speed that it must have."""
-OF_ONE_STEP = 0.5
-"""Of a window's chord: a longer step is a jump, by which a motion tells nothing of time."""
+OF_ONE_STEP = 0.5  # Of a window's chord: a longer step is a jump, by which a motion tells nothing of time
 HOSTS, OF_DEVICE = 3.0, 2.0
 """Standard uncertainties of a block's stamps that their errors explain, and those of all instants of a device, were its errors to add up:
 where it is between, the device itself strays from even times."""
-FAR = 0.02
-"""Of the windows: those with the largest residuals, at corners and at what else is no cubic, are passed over."""
-MEDIAN = 0.87
-"""Median over mean of a sum of WINDOW - TERMS squares (chi-squared of 5)."""
+FAR = 0.02  # Of the windows: those with the largest residuals, at corners and at what else is no cubic, are passed over
+MEDIAN = 0.87  # Median over mean of a sum of WINDOW - TERMS squares (chi-squared of 5)
 
 
 class Timed(Protocol):
@@ -464,7 +432,7 @@ def judge_stamps(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray) -> S
     for out, there in zip((gap, begins), gaps(stamp_s[known]), strict=True):
         out[known[1:][there] - 1] = True
     found = _jittered(stamp_s, places, u_mm, begins) if len(stamp_s) >= LEAST else sound(stamp_s)
-    return replace(found, stretch=stretches(gap), gap=_stamp_note(stamp_s[known], gap[known[1:] - 1]))
+    return replace(found, stretch=_summed(gap), gap=_stamp_note(stamp_s[known], gap[known[1:] - 1]))
 
 
 def _stamp_note(stamp_s: FloatArray, gap: BoolArray) -> Message | None:
@@ -533,8 +501,7 @@ def _windows(places: FloatArray, noise: float, scatter: float, begins: BoolArray
     chord = np.linalg.norm(places[WINDOW - 1 :] - places[: 1 - WINDOW], axis=1) / (WINDOW - 1)
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     longest = np.lib.stride_tricks.sliding_window_view(steps, WINDOW - 1).max(axis=1)
-    holes = np.concatenate([[0], np.cumsum(np.isnan(places).any(axis=1))])
-    cuts = np.concatenate([[0], np.cumsum(begins)])
+    holes, cuts = _summed(np.asarray(np.isnan(places).any(axis=1))), _summed(begins)
     chord = np.where((holes[WINDOW:] == holes[:-WINDOW]) & (cuts[WINDOW - 1 :] == cuts[: 1 - WINDOW]), chord, 0.0)
     chord = np.where(longest < OF_ONE_STEP * (WINDOW - 1) * chord, chord, 0.0)
     first = np.flatnonzero(chord > max(MOVING * noise / scatter, OF_FASTEST * float(chord.max())))

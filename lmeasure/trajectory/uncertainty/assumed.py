@@ -14,10 +14,8 @@ from lmeasure.rig import TYPICAL_SIZES
 from lmeasure.text import Message, message
 
 DEGREE = 5
-MOST = 5
-"""Statements that are listed."""
-LEAST = 0.99
-"""A statement is listed that leaves less than this share of U95."""
+MOST = 5  # Statements that are listed
+LEAST = 0.99  # A statement is listed that leaves less than this share of U95
 
 
 def radii_95(covariances: FloatArray) -> FloatArray:
@@ -96,8 +94,7 @@ class Assumed:
         return found | {f"u95_if_stated_{one.key}_mm": one.u95_mm for one in self.statements}
 
 
-NOTHING = Assumed()
-"""Of poses whose uncertainty has nothing assumed."""
+NOTHING = Assumed()  # Of poses whose uncertainty has nothing assumed
 
 
 def place_of(poses: FloatArray, parts_mm: FloatArray) -> Message | None:

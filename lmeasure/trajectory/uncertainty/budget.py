@@ -6,10 +6,6 @@ start pose, of a pass's clock and place - so each is a variable z_k of unit vari
 sum_k factor_k z_k, with factors of its own at every sample and the same z: from the factors the errors of differences, means and lines
 follow, which covariances of single samples do not tell (JCGM 102, 6.2; GTC). What the sources are: `trajectory.uncertainty.sources`.
 
-The rig's own values make lengths err: those of the calibration, dimensions as stated, parts that are not as drawn.
-
-Errors of the poses of a run: what is new at every sample, and what all samples share.
-
 A variable is stated, calibrated or assumed: of a typical size because nobody stated it. `Source.assumed` says which.
 """
 
@@ -19,46 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from lmeasure import kernels, sensors
 from lmeasure.core import BoolArray, DataFrame, FloatArray, Shown, covariance_root, framed, se3
-from lmeasure.kernels import (
-    AXIAL,
-    BY_AXIAL,
-    BY_PITCH,
-    CABLE,
-    KIND,
-    PARAMETERS,
-    TANGENT,
-    length_gradients,
-    pose_twists,
-    solve_pose,
-    span_lengths,
-    span_rows_of,
-    twists as least_squares_twists,
-)
 from lmeasure.rig import FURTHER, STEEL_PER_K, TABLE, WARMER_K, Owner
-from lmeasure.sensors import (
-    OTHERS,
-    PLAY,
-    Lengths,
-    Unsolved,
-    cable_covariance,
-    count_variance,
-    drum_of,
-    every_part,
-    free_lengths,
-    further_solved,
-    last_travel,
-    length_variance,
-    phase_errors,
-    solved_covariance,
-    span_rows,
-    stated,
-    unsolved_dimensions,
-    width_of,
-    zero_at,
-)
+from lmeasure.sensors import length_variance
 from lmeasure.text import message
-from lmeasure.trajectory.reconstruction.run_model import RunModel, Scheme
+from lmeasure.trajectory.reconstruction.run_model import RunModel
 from lmeasure.trajectory.uncertainty.assumed import Assumed, assumed_of, place_of, positions_95
 from lmeasure.trajectory.uncertainty.sources import (
     ANYWHERE,
@@ -142,15 +104,17 @@ class ParameterErrors:
 
     def __init__(self, model: RunModel, *, cancels: bool) -> None:
         rig, scheme, calibration = model.rig, model.scheme, model.calibration
-        observed, self._wide = rig.observed, further_solved(calibration)
+        observed, self._wide = rig.observed, sensors.further_solved(calibration)
         self._rows, self._scales, self._zero, self._cables = scheme.rows, rig.scales(observed), model.zero_pose, len(rig.cable)
         self._cancels, self._absolute = cancels, model.absolute
-        enters = _entering(scheme, wide=self._wide)
+        table = (*TABLE, *FURTHER) if self._wide else TABLE
+        # where a point itself is measured its place in the tool frame has no part
+        enters = np.tile([scheme.point is None or p.owner is not Owner.ATTACHMENT for p in table], len(scheme.rows))
         # of what is solved by itself the rest may be rounding: the whole says how wide each parameter is
-        width = np.sqrt(np.diag(cable_covariance(rig, calibration, observed, wide=self._wide)))
-        of_record = solved_covariance(rig, calibration, observed, wide=self._wide)
+        width = np.sqrt(np.diag(sensors.cable_covariance(rig, calibration, observed, wide=self._wide)))
+        of_record = sensors.solved_covariance(rig, calibration, observed, wide=self._wide)
         solved = covariance_root(np.where(enters[:, None] & enters, of_record, 0.0), width)
-        columns, assumed = unsolved_dimensions(rig, calibration, observed, wide=self._wide)
+        columns, assumed = sensors.unsolved_dimensions(rig, calibration, observed, wide=self._wide)
         dimensions = np.where(enters[:, None], columns, 0.0)
         acting = np.asarray(dimensions.any(axis=0))
         dimensions = dimensions[:, acting]
@@ -158,13 +122,13 @@ class ParameterErrors:
         """(r,) which typical size each variable is, empty of what is stated or calibrated."""
         self.solved, self.dimensions = solved.shape[1], dimensions.shape[1]
         every = np.column_stack([solved, dimensions])
-        every = every.reshape(len(observed), width_of(wide=self._wide), every.shape[1])
-        self._of_kernels = np.ascontiguousarray(every[:, : len(PARAMETERS)])
+        every = every.reshape(len(observed), sensors.width_of(wide=self._wide), every.shape[1])
+        self._of_kernels = np.ascontiguousarray(every[:, : len(kernels.PARAMETERS)])
         # a groove's pitch moved the pay-out point on the way to where the counter was zeroed
         turns = np.array([rig.paid_out((c,))[0] / rig.counter(c).counts_per_revolution for c in rig.cable])
-        self._of_kernels[: self._cables, BY_AXIAL] += turns[:, None] * self._of_kernels[: self._cables, BY_PITCH]
-        self._of_parts = every[: self._cables, len(PARAMETERS) :]
-        self._parts = every_part(rig, rig.cable)
+        self._of_kernels[: self._cables, kernels.BY_AXIAL] += turns[:, None] * self._of_kernels[: self._cables, kernels.BY_PITCH]
+        self._of_parts = every[: self._cables, len(kernels.PARAMETERS) :]
+        self._parts = sensors.every_part(rig, rig.cable)
 
     @property
     def root(self) -> FloatArray:
@@ -175,9 +139,9 @@ class ParameterErrors:
     def lengths(self, poses: FloatArray, counts: FloatArray, travel: FloatArray | None) -> FloatArray:
         """(n, m, r) errors of the lengths by the variables, at (n, 7) poses and true counts (n, m) whose last travel is travel (n, m), 0
         where it is None. A parameter acts at the pose and at the zero pose, where counting began."""
-        gradients = length_gradients(self._rows, poses, counts, self._scales)
+        gradients = kernels.length_gradients(self._rows, poses, counts, self._scales)
         if self._cancels:
-            begun = length_gradients(self._rows, self._zero[None], np.zeros((1, len(self._rows))), self._scales)[0]
+            begun = kernels.length_gradients(self._rows, self._zero[None], np.zeros((1, len(self._rows))), self._scales)[0]
             gradients -= np.where(self._absolute[:, None], 0.0, begun)
         out = -np.swapaxes(np.swapaxes(gradients, 0, 1) @ self._of_kernels, 0, 1)
         return out + self.of_parts(poses, counts, travel) if self._wide else out
@@ -196,12 +160,6 @@ class ParameterErrors:
         return out
 
 
-def _entering(scheme: Scheme, *, wide: bool) -> BoolArray:
-    """(13 m,) whether a parameter enters; where the point itself is measured its place in the tool frame does not."""
-    table = (*TABLE, *FURTHER) if wide else TABLE
-    return np.tile([scheme.point is None or p.owner is not Owner.ATTACHMENT for p in table], len(scheme.rows))
-
-
 BY_CALIBRATION = "calibration"
 RESTORED = "restored origin"
 RESTORED_ORIGIN = "cause.restored"
@@ -210,8 +168,7 @@ ORIGINS = "origins of the channels"
 PHYSICAL = "temperature, stretch and sag"
 DIMENSIONS = "dimensions as stated"
 TEMPERATURE = "temperature"
-SAMPLED = 64
-"""Poses of a piece at which the effect of assumed sizes is computed."""
+SAMPLED = 64  # Poses of a piece at which the effect of assumed sizes is computed
 CHUNK = 2048  # poses whose factors are in memory at once
 
 
@@ -227,15 +184,10 @@ class Budget:
     """Channels (index) that go on from another origin, behind a time and until one [s]."""
 
     def __init__(self, model: RunModel) -> None:
-        rig, scheme, calibration, (u_start, assumed_start) = (
-            model.rig,
-            model.scheme,
-            model.calibration,
-            (model.u_start, model.assumed_start),
-        )
+        rig, scheme, calibration, u_start, assumed_start = model.rig, model.scheme, model.calibration, model.u_start, model.assumed_start
         self.model, self.rig, self.scheme, self.correction = model, rig, scheme, model.correction
         observed, self._cables = rig.observed, len(rig.cable)
-        self.scales, self.variance = rig.scales(observed), count_variance(rig, observed)
+        self.scales, self.variance = rig.scales(observed), sensors.count_variance(rig, observed)
         self._before = length_variance(rig, observed)
         if scheme.redundancy:
             self._before = self._before + variance_until_told(zeros_of(rig, calibration), len(scheme.free)) / angle_of(rig) ** 2
@@ -246,9 +198,9 @@ class Budget:
         # what a constraint holds is exact, and a point's place has a part in all
         moving = np.ones(6, np.bool_) if scheme.point is not None else np.isin(np.arange(6), scheme.free_index)
         self._u_start = np.where(moving, np.repeat([u_start[1], u_start[0]], 3), 0.0)
-        at_start = span_rows(rig.cable_rows(observed), model.start[None])[1][0]
+        at_start = sensors.span_rows(rig.cable_rows(observed), model.start[None])[1][0]
         errs = self._u_start > 0.0
-        self._start_lengths = self._from_start(at_start * self._u_start)[:, errs]
+        self._start_lengths = np.where(self.absolute[:, None], 0.0, at_start * self._u_start)[:, errs]
         of_start = tuple(np.repeat([assumed_start[1], assumed_start[0]], 3)[errs].tolist())
         # a start that came from lengths errs with the rig: then nothing cancels where counting began
         self._u_length = u_start[2] if len(u_start) > 2 else None
@@ -260,31 +212,25 @@ class Budget:
         self._passage = np.array([c.passage for c in observed], dtype=np.int64)
         self._clocks, self._repeatability_mm = model.clocks, model.repeatability_mm if rig.passes > 1 else 0.0
         late = tuple(message("source.clock", number=p) for p, clock in enumerate(model.clocks, 1) for _ in range(clock.variables))
-        places = (
-            tuple(message("source.place", number=p) for p in range(1, rig.passes + 1) for _ in range(3)) if self._repeatability_mm else ()
-        )
+        several = range(1, rig.passes + 1) if self._repeatability_mm else ()
+        places = tuple(message("source.place", number=p) for p in several for _ in range(3))
         physical = (PHYSICAL,) * (0 if model.correction is None else model.correction.sources)
         known = () if calibration is None else calibration.names
-        self.unsolved = Unsolved(rig, [*stated(rig, None, known, OTHERS), *phase_errors(rig, known, model.start)])
-        self._played_mm = np.abs(every_part(rig, rig.cable).values[:, PLAY]) * [rig.counter(c).per_count for c in rig.cable] / rig.scales()
-        self._begun, self._quantum = zero_at(self._zero, len(rig.cable), 0.0), 1.0 / self.scales
-        of_drums = self.unsolved.sources + self.unsolved.play_sources + (message("source.play"),) * int(np.count_nonzero(self._played_mm))
-        of_assumed = self.unsolved.assumed + self.unsolved.play_assumed + ("",) * int(np.count_nonzero(self._played_mm))
-        self._phase = zero_phase(rig)
-        parameters = (BY_CALIBRATION,) * solved + (DIMENSIONS,) * dimensions
+        errors = [*sensors.stated(rig, None, known, sensors.OTHERS), *sensors.phase_errors(rig, known, model.start)]
+        self.unsolved = sensors.Unsolved(rig, errors)
+        play = np.abs(sensors.every_part(rig, rig.cable).values[:, sensors.PLAY])
+        self._played_mm = play * [rig.counter(c).per_count for c in rig.cable] / rig.scales()
+        self._begun, self._quantum = sensors.zero_at(self._zero, len(rig.cable), 0.0), 1.0 / self.scales
+        playing = int(np.count_nonzero(self._played_mm))
+        of_drums = self.unsolved.sources + self.unsolved.play_sources + (message("source.play"),) * playing
+        of_assumed = self.unsolved.assumed + self.unsolved.play_assumed + ("",) * playing
+        said_of_drums = tuple(dict.fromkeys(said for said, key in zip(of_drums, of_assumed, strict=True) if not key))
+        self._phase, key = zero_phase(rig), self.by_parameter.assumed
+        parameters = (BY_CALIBRATION,) * solved + (DIMENSIONS,) * dimensions, (message("source.dimensions"),) * (not all(key[solved:]))
+        start = ("start pose",) * self._start_lengths.shape[1], (message("covers.of.start"),) * (not all(of_start))
         moved = (
-            Source(
-                parameters,
-                (message("source.dimensions"),) * any(not key for key in self.by_parameter.assumed[solved:]),
-                lambda at: self.by_parameter.lengths(at.poses, at.counts, at.travel),
-                assumed=self.by_parameter.assumed,
-            ),
-            Source(
-                ("start pose",) * self._start_lengths.shape[1],
-                (message("covers.of.start"),) * (not all(of_start)),
-                lambda _: self._start_lengths,
-                assumed=of_start,
-            ),
+            Source(*parameters, lambda at: self.by_parameter.lengths(at.poses, at.counts, at.travel), assumed=key),
+            Source(*start, lambda _: self._start_lengths, assumed=of_start),
         )
         start_columns = unknown_start(rig, self.absolute) if model.begun is not None else Source((), (), lambda _: np.empty((0, 0)))
         by_length = (
@@ -292,12 +238,7 @@ class Budget:
             start_columns,
             Source((*late, *places), (message("covers.of.passes"),), self._pass_lengths),
             Source(physical, (message("source.effects"),), self._physical_lengths),
-            Source(
-                of_drums,
-                tuple(dict.fromkeys(said for said, key in zip(of_drums, of_assumed, strict=True) if not key)),
-                self._drum_lengths,
-                assumed=of_assumed,
-            ),
+            Source(of_drums, said_of_drums, self._drum_lengths, assumed=of_assumed),
             Source((TEMPERATURE,) * len(model.temperatures_assumed), (), self._warm_lengths, assumed=model.temperatures_assumed),
             own_lengths(rig, calibration),
             unknown_zeros(rig, calibration),
@@ -312,9 +253,8 @@ class Budget:
         self.supposed = np.zeros(len(self.origin_names))
         """(o,) what the variables of the origins are taken for until a run has determined them."""
         said = [text for source in self.every for text in source.said]
-        self.covers = _covers(
-            calibration is not None, said + [message("covers.of.assumed")] * any(map(any, (s.assumed for s in self.every)))
-        )
+        said += [message("covers.of.assumed")] * any(map(any, (s.assumed for s in self.every)))
+        self.covers = _covers(calibration is not None, said)
 
     def with_estimate(self, estimate: OriginEstimate | None) -> "Budget":
         """Return the budget after a run determined its origins; before it where the estimate is None."""
@@ -322,20 +262,15 @@ class Budget:
 
     def with_restored(self, cable: int, after_s: float, until_s: float = np.inf) -> "Budget":
         """Return the budget of a run whose channel goes on from another origin behind a time, which the run is to determine anew."""
-        u = ANYWHERE if self.scheme.rows[cable, KIND] > CABLE else UNKNOWN_MM
+        u = ANYWHERE if self.scheme.rows[cable, kernels.KIND] > kernels.CABLE else UNKNOWN_MM
         own = np.where(np.arange(len(self.scheme.rows)) == cable, u, 0.0)[:, None]
 
         def lengths(at: Situation) -> FloatArray:
             return np.asarray(((at.time_s > after_s) & (at.time_s <= until_s))[:, None, None] * own)
 
         source = Source((RESTORED,), (message("covers.of.restored"),), lengths)
-        return self._changed(
-            origins=(*self.origins, source),
-            every=(*self.every, source),
-            supposed=np.append(self.supposed, 0.0),
-            restored=(*self.restored, (cable, after_s, until_s)),
-            estimate=None,
-        )
+        more = {"origins": (*self.origins, source), "every": (*self.every, source), "supposed": np.append(self.supposed, 0.0)}
+        return self._changed(**more, restored=(*self.restored, (cable, after_s, until_s)), estimate=None)
 
     def with_zeros(self, zeros: FloatArray) -> "Budget":
         """Return the budget that takes rough zeros (k,), of `rough_columns`, in standard uncertainties, for these from the beginning."""
@@ -371,7 +306,7 @@ class Budget:
             return []
         out, n = [], len(self.restored)
         for k, (cable, after_s, until_s) in enumerate(self.restored, len(self.estimate.mean) - n):
-            u = ANYWHERE if self.scheme.rows[cable, KIND] > CABLE else UNKNOWN_MM
+            u = ANYWHERE if self.scheme.rows[cable, kernels.KIND] > kernels.CABLE else UNKNOWN_MM
             i = len(self.estimate.covariance) - len(self.estimate.mean) + k
             out.append((cable, after_s, until_s, float(self.estimate.mean[k]) * u, float(np.sqrt(self.estimate.covariance[i, i])) * u))
         return out
@@ -420,23 +355,12 @@ class Budget:
         return self.rig.passes > 1 and self._repeatability_mm == 0.0
 
     def of(
-        self,
-        time_s: FloatArray,
-        poses: FloatArray,
-        *,
-        counts: FloatArray,
-        speed_mm_s: FloatArray,
-        u_mm: FloatArray | None = None,
-        unused: BoolArray | None = None,
-        temperature_c: FloatArray | None = None,
-        compiled: bool = True,
-        travel: FloatArray | None = None,
+        self, at: Situation, u_mm: FloatArray | None = None, unused: BoolArray | None = None, *, compiled: bool = True
     ) -> PoseCovariances:
-        """Covariances and factors of (n, 7) poses at times (n,), true counts (n, m) and cable speeds (n, m); u_mm (n, m) as
-        `Lengths.u_mm` has it; unused (n, m): cables that were left out; temperature_c (n, m), the start's where it is
-        None; compiled: by the kernels, for many poses; travel (n, m) as `travel` gives it, paying out where it is None."""
-        G, own = self._own(poses, counts, u_mm, unused, compiled)
-        factors = self._factors(G, Situation(time_s, poses, counts, speed_mm_s, temperature_c, travel), self.every)[0]
+        """Covariances and factors of poses in a situation, travel as `travel` gives it; u_mm: as `Lengths.u_mm`; unused (n, m): cables
+        that were left out; compiled: by the kernels, for many poses."""
+        G, own = self._own(at.poses, at.counts, u_mm, unused, compiled)
+        factors = self._factors(G, at, self.every)[0]
         mixed = () if self.estimate is None else self.origins
         assumed = tuple("" if source in mixed else key for source in self.every for key in _assumed_in(source))
         return PoseCovariances(own, factors, self.sources, self.uniform, assumed + ("",) * (len(self.sources) - len(assumed)))
@@ -454,19 +378,19 @@ class Budget:
             every.append(np.broadcast_to(lengths, (n, *lengths.shape[-2:])))
         return np.concatenate(every, axis=2)
 
-    def speed_mm_s(self, lengths: Lengths) -> FloatArray:
+    def speed_mm_s(self, lengths: sensors.Lengths) -> FloatArray:
         """(n, m) speeds of the cables, for `of`; zero where nothing of this run is uncertain in time, and no speed matters."""
         timed = lengths.u_time_s is not None or any(clock.variables for clock in self._clocks)
         return lengths.speed_mm_s if timed else np.broadcast_to(0.0, lengths.counts.shape)
 
-    def travel(self, lengths: Lengths, state: FloatArray | None = None) -> FloatArray | None:
+    def travel(self, lengths: sensors.Lengths, state: FloatArray | None = None) -> FloatArray | None:
         """(n, m) which way the cables of a run travelled last, as `last_travel` has it and its state; None where nothing depends on it."""
-        return last_travel(lengths.counts, self._quantum, state) if self.unsolved.play_mm.any() or self._played_mm.any() else None
+        return sensors.last_travel(lengths.counts, self._quantum, state) if self.unsolved.play_mm.any() or self._played_mm.any() else None
 
     def covariances(
         self,
         poses: FloatArray,
-        lengths: Lengths,
+        lengths: sensors.Lengths,
         unused: BoolArray | None = None,
         compiled: bool = True,
         *,
@@ -481,10 +405,8 @@ class Budget:
         sources = tuple(source for source in self.every if source is not self._phase) if alike else self.every
         for begin in range(0, len(poses), CHUNK):
             part = slice(begin, begin + CHUNK)
-            own_mm = None if u_mm is None else u_mm[part]
+            own_mm, warm, gone = (None if of is None else of[part] for of in (u_mm, lengths.temperature_c, travel))
             left = None if unused is None else unused[part]
-            warm = None if lengths.temperature_c is None else lengths.temperature_c[part]
-            gone = None if travel is None else travel[part]
             G, own = self._own(poses[part], lengths.counts[part], own_mm, left, compiled)
             random[part] = own @ np.swapaxes(own, 1, 2)
             systematic[part] = random[part] if alike else np.where(np.isnan(random[part]), np.nan, 0.0)
@@ -498,18 +420,14 @@ class Budget:
         return random, systematic, assumed_mm
 
     def assumed_of_run(
-        self, poses: FloatArray, lengths: Lengths, unused: BoolArray | None = None, *, travel: FloatArray | None = None
+        self, poses: FloatArray, lengths: sensors.Lengths, unused: BoolArray | None = None, *, travel: FloatArray | None = None
     ) -> Assumed:
         """Return what assumed sizes make of the uncertainty at some of the (n, 7) poses of a run."""
         known = np.flatnonzero(~np.isnan(poses[:, 0]))
         some = known[:: -(-len(known) // SAMPLED)] if len(known) else known
-
-        def few(values: FloatArray | None) -> FloatArray | None:
-            return None if values is None else values[some]
-
-        speed = self.speed_mm_s(lengths)[some]
-        at = Situation(lengths.time_s[some], poses[some], lengths.counts[some], speed, few(lengths.temperature_c), few(travel))
-        return self.assumed(at, few(lengths.u_mm), None if unused is None else unused[some])
+        u_mm, warm, gone = (None if of is None else of[some] for of in (lengths.u_mm, lengths.temperature_c, travel))
+        at = Situation(lengths.time_s[some], poses[some], lengths.counts[some], self.speed_mm_s(lengths)[some], warm, gone)
+        return self.assumed(at, u_mm, None if unused is None else unused[some])
 
     def assumed(self, at: Situation, u_mm: FloatArray | None = None, unused: BoolArray | None = None, *, places: bool = False) -> Assumed:
         """Return what assumed sizes make of the uncertainty of poses; u_mm, unused: as `of` has them; places: and where they make most."""
@@ -536,8 +454,8 @@ class Budget:
     def drawn_start(self, generator: "np.random.Generator", moved: FloatArray) -> FloatArray:
         """(7,) the start as the scheme takes it, displaced by a draw of its errors; by the rig's moved rows where it came from lengths."""
         if self._u_length is not None:
-            lengths = span_lengths(self.scheme.rows, self._zero[None])[0] + self._u_length * generator.standard_normal(len(moved))
-            return np.asarray(solve_pose(moved, lengths, self._zero)[3])
+            lengths = kernels.span_lengths(self.scheme.rows, self._zero[None])[0] + self._u_length * generator.standard_normal(len(moved))
+            return np.asarray(kernels.solve_pose(moved, lengths, self._zero)[3])
         delta = self._u_start * generator.standard_normal(6)
         return self.scheme.start_of(se3.displaced(self.model.start, delta))
 
@@ -567,7 +485,7 @@ class Budget:
         if not self._rough.shape[1]:
             return factors, assumed
         rows = self.scheme.rows
-        beyond = beyond_first(rows, situation.poses, G=G, F=G @ self._rough, angles=rows[:, KIND] > CABLE)
+        beyond = beyond_first(rows, situation.poses, G=G, F=G @ self._rough, angles=rows[:, kernels.KIND] > kernels.CABLE)
         return np.concatenate([factors, beyond], axis=2), assumed
 
     def _pass_lengths(self, at: Situation) -> FloatArray:
@@ -577,7 +495,7 @@ class Budget:
             for p, clock in enumerate(self._clocks, 1)
         ]
         if self._repeatability_mm:
-            shifts = span_rows_of(self.scheme.rows, np.ascontiguousarray(at.poses))[:, :, 3:] * self._repeatability_mm
+            shifts = kernels.span_rows_of(self.scheme.rows, np.ascontiguousarray(at.poses))[:, :, 3:] * self._repeatability_mm
             columns += [np.where((self._passage == p)[:, None], shifts, 0.0) for p in range(1, self._passage.max() + 1)]
         return np.concatenate(columns, axis=2)
 
@@ -605,8 +523,8 @@ class Budget:
         """
         poses, counts, warm = self._of_cables(at)
         rows, model = self.scheme.rows[: self._cables], self.model
-        paid = np.stack([drum_of(row).paid_out(counts[:, j]) for j, row in enumerate(rows)], axis=1)
-        free = paid + np.hypot(rows[:, TANGENT], rows[:, AXIAL]) + free_lengths(rows, self._begun.poses)
+        paid = np.stack([sensors.drum_of(row).paid_out(counts[:, j]) for j, row in enumerate(rows)], axis=1)
+        free = paid + np.hypot(rows[:, kernels.TANGENT], rows[:, kernels.AXIAL]) + sensors.free_lengths(rows, self._begun.poses)
         stated_per_k = [self.rig.point(c.from_point).drum.cable_expansion_per_k for c in self.rig.cable]
         per_k = np.array([STEEL_PER_K if value is None else value for value in stated_per_k])
 
@@ -625,35 +543,29 @@ class Budget:
 
         return self._padded(-np.stack([grown(key) for key in model.temperatures_assumed], axis=2))
 
-    def _from_start(self, values: FloatArray) -> FloatArray:
-        """Values (m, ...) of the channels that count from the start pose, zero of the others."""
-        return np.where(self.absolute.reshape(-1, *[1] * (values.ndim - 1)), 0.0, values)
-
     def _of_cables(self, at: Situation) -> tuple[FloatArray, FloatArray, FloatArray | None]:
         warm = None if at.temperature_c is None else at.temperature_c[:, : self._cables]
         return at.poses, at.counts[:, : self._cables], warm
 
     def _padded(self, lengths: FloatArray) -> FloatArray:
         """(n, m, k) errors of all channels from those (n, cables, k) of the cables."""
-        if self._cables == len(self.scheme.rows):
-            return lengths
         return np.pad(lengths, ((0, 0), (0, len(self.scheme.rows) - self._cables), (0, 0)))
 
     def twists(self, poses: FloatArray, counts: FloatArray, unused: BoolArray | None, compiled: bool) -> FloatArray:
         """(n, 6, m) what the poses move by per mm of each length."""
         if self.scheme.six:
-            return np.asarray((pose_twists if compiled else twists_of_six)(self.scheme.rows, poses))
+            return np.asarray((kernels.pose_twists if compiled else twists_of_six)(self.scheme.rows, poses))
         weights = np.where(np.isnan(counts), 0.0, self.weights)
         if unused is not None:
             weights[unused] = 0.0
-        return np.asarray(least_squares_twists(self.scheme.rows, poses, weights, self.scheme.free_index))
+        return np.asarray(kernels.twists(self.scheme.rows, poses, weights, self.scheme.free_index))
 
 
 def twists_of_six(cables: FloatArray, poses: FloatArray) -> FloatArray:
     """Return what `kernels.pose_twists` returns, without compiling: (n, 6, 6), NaN where the pose is NaN."""
     out = np.full((len(poses), 6, len(cables)), np.nan)
     known = ~np.isnan(poses[:, 0])
-    out[known] = np.linalg.inv(span_rows(cables, poses[known])[1])
+    out[known] = np.linalg.inv(sensors.span_rows(cables, poses[known])[1])
     return out
 
 

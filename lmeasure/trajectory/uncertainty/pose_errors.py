@@ -1,7 +1,7 @@
 """What the instrument may err by at poses of a run: its random part from the counts, its systematic part from the calibration."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from lmeasure.trajectory.files.trajectory import Trajectory
 from lmeasure.trajectory.reconstruction.runs import covariances
 from lmeasure.trajectory.time.passes import Alignment
 from lmeasure.trajectory.uncertainty.budget import BY_CALIBRATION, DIMENSIONS, ORIGINS, PHYSICAL, RESTORED, TEMPERATURE
-from lmeasure.trajectory.uncertainty.sources import LENGTHS, PHASE, ZERO
+from lmeasure.trajectory.uncertainty.sources import LENGTHS, PHASE, ZERO, standard
 
 SOURCES = {
     PHASE: "source.phase",
@@ -30,12 +30,8 @@ SOURCES = {
     ZERO: "covers.of.zeros",
     "unknown start": "covers.of.unknown_start",
 }
-OF_COUNTERS = (PHASE, CLOSURE, ORIGINS, RESTORED)
-"""Sources that err anew in every run."""
-
-
-COUNT = 12.0**-0.5
-"""Standard uncertainty of a rounded count."""
+OF_COUNTERS = (PHASE, CLOSURE, ORIGINS, RESTORED)  # Sources that err anew in every run
+COUNT = 12.0**-0.5  # Standard uncertainty of a rounded count
 
 
 class ErrorSource(NamedTuple):
@@ -71,18 +67,9 @@ class PoseErrors:
     joint: bool = False
 
     @classmethod
-    def of(
-        cls,
-        own: FloatArray,
-        shared: FloatArray,
-        *,
-        rounded: bool = False,
-        uniform: tuple[bool, ...] = (),
-        counted: tuple[bool, ...] = (),
-        sources: tuple[ErrorSource, ...] = (),
-    ) -> "PoseErrors":
-        """Errors that poses at one place have no more in common than others."""
-        return cls(own, np.zeros((len(own), 6, 0)), np.zeros(len(own), dtype=np.int64), shared, rounded, uniform, counted, sources)
+    def of(cls, own: FloatArray, shared: FloatArray, **kinds: Any) -> "PoseErrors":
+        """Errors that poses at one place have no more in common than others; kinds: further attributes by their names."""
+        return cls(own, np.zeros((len(own), 6, 0)), np.zeros(len(own), dtype=np.int64), shared, **kinds)
 
     def named(self) -> tuple[ErrorSource, ErrorSource, tuple[ErrorSource, ...]]:
         """The sources of own, of local and of each column of shared."""
@@ -134,18 +121,13 @@ class PoseErrors:
 
     def drawn(self, rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
         """Draws of u or z, of any shape."""
-        if not self.rounded:
-            return rng.standard_normal(shape)
-        out = rng.random(shape)
-        out -= 0.5
-        out *= np.sqrt(12.0)
-        return out
+        return standard(rng, shape, self.rounded)
 
     def drawn_common(self, rng: np.random.Generator, trials: int) -> FloatArray:
         """(trials, K) draws of s."""
         common = rng.standard_normal((trials, self.shared.shape[2]))
         uniform = np.flatnonzero(self.uniform)
-        common[:, uniform] = np.sqrt(12.0) * (rng.random((trials, len(uniform))) - 0.5)
+        common[:, uniform] = standard(rng, (trials, len(uniform)), True)
         return common
 
     @property
@@ -189,26 +171,27 @@ class ErrorsOfRun:
     def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, Message | str]:
         """See `ErrorModel`; TrajectoryError when the trajectory is not of this run."""
         found = covariances(trajectory, self._run, samples, constraint=self._constraint, repeatability_mm=self._repeatability_mm)
-        errors = PoseErrors.of(
-            np.nan_to_num(found.own),
-            np.nan_to_num(found.factors),
-            rounded=True,
-            uniform=found.uniform,
-            counted=tuple(s in OF_COUNTERS for s in found.sources),
-            sources=tuple(self._source(*s) for s in zip(found.sources, found.assumed or ("",) * len(found.sources), strict=True)),
-        )
+        own, shared = np.nan_to_num(found.own), np.nan_to_num(found.factors)
+        each = tuple(self._source(*s) for s in zip(found.sources, found.assumed or ("",) * len(found.sources), strict=True))
+        counted = tuple(s in OF_COUNTERS for s in found.sources)
+        errors = PoseErrors.of(own, shared, rounded=True, uniform=found.uniform, counted=counted, sources=each)
         sources = message("source.counts"), *(name_of_source(name) for name in dict.fromkeys(found.sources))
         return errors, message("covers.run" if "calibration" in found.sources else "covers.run.uncalibrated", sources=sources)
 
     def _source(self, name: str, assumed: str) -> ErrorSource:
-        """Return the source of a variable; assumed: the typical size that it is, empty of what is stated or calibrated."""
-        if assumed:
-            size = TYPICAL_SIZES[assumed]
-            return ErrorSource(message("source.assumed", what=size.what), *size.in_unit)
+        """`source_of`, with the degrees of freedom of a calibration."""
         record = (self._run.run if isinstance(self._run, Alignment) else self._run).calibration
-        if name == BY_CALIBRATION and record is not None and record.equations > record.rank:
+        if not assumed and name == BY_CALIBRATION and record is not None and record.equations > record.rank:
             return ErrorSource(name_of_source(name), degrees_of_freedom=float(record.equations - record.rank))
-        return ErrorSource(name_of_source(name), COUNT, "count") if name == PHASE else ErrorSource(name_of_source(name))
+        return source_of(name, assumed)
+
+
+def source_of(name: str, assumed: str) -> ErrorSource:
+    """Return the source of a variable; assumed: the typical size that it is, empty of what is stated or calibrated."""
+    if assumed:
+        size = TYPICAL_SIZES[assumed]
+        return ErrorSource(message("source.assumed", what=size.what), *size.in_unit)
+    return ErrorSource(name_of_source(name), COUNT, "count") if name == PHASE else ErrorSource(name_of_source(name))
 
 
 def name_of_source(name: str) -> Message | str:
@@ -231,9 +214,8 @@ class ErrorsOfFile:
         n = len(samples)
         random, systematic = (np.nan_to_num(c[samples]) for c in (trajectory.random, trajectory.systematic))
         shared = np.zeros((n, 6, 0))
-        own, local = (
-            (shared, symmetric_root(random + systematic)) if self.together else (symmetric_root(random), symmetric_root(systematic))
-        )
+        own = shared if self.together else symmetric_root(random)
+        local = symmetric_root(random + systematic if self.together else systematic)
         return PoseErrors(own, local, np.zeros(n, dtype=np.int64), shared), message("covers.file")
 
 

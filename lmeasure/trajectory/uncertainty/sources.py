@@ -30,14 +30,11 @@ from lmeasure.text import message
 
 PHASE = "zero phase"
 ZERO = "zero"
-ANYWHERE = 2.0 * math.pi / math.sqrt(12.0)
-"""Standard uncertainty [rad] of an angle that may be anywhere on the circle."""
-LOOSE_RAD = 0.1
-"""Standard uncertainty of an encoder's zero from which its readings are no help in finding the poses."""
+ANYWHERE = 2.0 * math.pi / math.sqrt(12.0)  # Standard uncertainty [rad] of an angle that may be anywhere on the circle
+LOOSE_RAD = 0.1  # Standard uncertainty of an encoder's zero from which its readings are no help in finding the poses
 NEAR_RAD = 3e-4
 """To which a zero leaves poses near enough for first order: 0.5 mm at 1.5 m bend by 0.5^2 / (2 * 1500) mm, a hundredth of a count."""
-LIGHT_RAD = 2e-3
-"""As which a zero weighs that poses need, or its row is lost in the rounding of those of counts."""
+LIGHT_RAD = 2e-3  # As which a zero weighs that poses need, or its row is lost in the rounding of those of counts
 UNKNOWN_MM = 1000.0
 """Standard uncertainty of a length against a guess that came from angles."""
 LENGTHS = "lengths of their own"
@@ -107,10 +104,9 @@ def zero_phase(rig: Rig) -> Source:
 def unknown_start(rig: Rig, absolute: BoolArray) -> Source:
     """What was out, or how a swivel stood, where the counters were zeroed nobody knows where; absolute (m,) channels do not count from
     there."""
-    u = [UNKNOWN_MM if o.is_length else ANYWHERE for o in rig.observed]
-    of = rig.zeroings(rig.observed)
+    u, of = np.array([UNKNOWN_MM if o.is_length else ANYWHERE for o in rig.observed]), rig.zeroings(rig.observed)
     relative = np.unique(of[~absolute])
-    columns = np.where((of[:, None] == relative) & ~absolute[:, None], np.array(u)[:, None], 0.0)
+    columns = np.where((of[:, None] == relative) & ~absolute[:, None], u[:, None], 0.0)
     return Source(("unknown start",) * len(relative), (message("covers.of.unknown_start"),) * bool(len(relative)), lambda _: columns)
 
 
@@ -219,10 +215,9 @@ def standard(generator: "np.random.Generator", shape: tuple[int, ...], uniform: 
 
 @dataclass(frozen=True)
 class OriginEstimate:
-    """What a run determined of its origins: mean (o,) of their variables, mix (K, K): errors of all shared variables, those of the
-    origins last, by independent variables of unit variance; chi_squared of its samples, and their degrees of freedom; poses (n, 7) of those
-    that had a part in it; covariance (K, K) of all shared variables, C; aside (K - o,): means of the other variables, which are not
-    applied."""
+    """What a run determined of its origins: mean (o,) of their variables, mix (K, K): errors of all shared variables, those of the origins
+    last, by independent variables of unit variance; chi_squared of its samples, and their degrees of freedom; poses (n, 7) of those that
+    had a part in it; covariance (K, K) of all shared variables, C; aside (K - o,): means of the other variables, which are not applied."""
 
     mean: FloatArray
     mix: FloatArray
@@ -233,10 +228,8 @@ class OriginEstimate:
     aside: FloatArray
 
 
-STEP = 0.1
-"""Standard deviations over which second differences are taken: far enough for rounding, near enough for what is of fourth order."""
-DRAWS = 16
-"""Of what is left: its mean square is known to about a third."""
+STEP = 0.1  # Standard deviations over which second differences are taken: far enough for rounding, near enough for what is of fourth order
+DRAWS = 16  # Of what is left: its mean square is known to about a third
 
 
 def second_order_variables(k: int) -> int:
