@@ -8,11 +8,10 @@ is kept in FOLDER/found.
 --seconds are of each reader. --write writes the table to benchmarks/results/fuzz_readers.md.
 """
 
-import argparse
 import hashlib
 import json
+import os
 import re
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -27,31 +26,48 @@ LARGEST = 20_000
 """Bytes of an input."""
 
 
-def one(name: str, corpus: Path, seconds: float) -> None:
-    """Fuzz one reader until the time is over; libFuzzer ends the process."""
+def instrumented() -> Any:
+    """Return the block in which what is imported of lmeasure is watched, but for the compiled kernels."""
     import atheris
 
-    with atheris.instrument_imports(include=["lmeasure"], enable_loader_override=False):
+    kernels = [f"lmeasure.kernels.{path.stem}" for path in (ROOT / "lmeasure" / "kernels").glob("*.py")]
+    return atheris.instrument_imports(include=["lmeasure"], exclude=["lmeasure.kernels", *kernels], enable_loader_override=False)
+
+
+def fuzz(name: str, corpus: Path, seconds: float, log: Path) -> int:
+    """Fuzz one reader in a process of its own until the time is over; libFuzzer ends it. Return its exit status."""
+    import atheris
+
+    child = os.fork()
+    if child:
+        return os.waitpid(child, 0)[1]
+    out = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(out, 1)
+    os.dup2(out, 2)
+    scratch = Path(tempfile.mkdtemp())
+    with instrumented():
         from readers import judged, readers
-    reader = readers()[name]
-    own, found = corpus / name.replace(" ", "-"), corpus / "found"
+
+        reader = readers()[name]
+        judged(reader, reader.right, scratch)
+    plain = name.replace(" ", "-")
+    own, found = corpus / plain, corpus / "found"
     own.mkdir(parents=True, exist_ok=True)
     found.mkdir(exist_ok=True)
     (own / "right").write_bytes(reader.right)
-    scratch = tempfile.TemporaryDirectory()
     known: set[str] = set()
 
     def tried(data: bytes) -> None:
-        wrong = re.sub(r"[0-9'\"]+", "", judged(reader, data, Path(scratch.name)))[:80]
+        wrong = re.sub(r"[0-9'\"]+", "", judged(reader, data, scratch))[:80]
         if wrong and wrong not in known:
             known.add(wrong)
-            digest = hashlib.sha256(data).hexdigest()[:12]
-            (found / f"{name.replace(' ', '-')}-{digest}{reader.suffix}").write_bytes(data)
-            print(f"FOUND {wrong}", flush=True)
+            (found / f"{plain}-{hashlib.sha256(data).hexdigest()[:12]}{reader.suffix}").write_bytes(data)
+            os.write(1, f"FOUND {wrong}\n".encode())
 
     flags = [f"-max_total_time={seconds:.0f}", f"-max_len={LARGEST}", "-timeout=60", "-rss_limit_mb=4000", "-print_final_stats=1"]
-    atheris.Setup([sys.argv[0], *flags, f"-artifact_prefix={found}/{name.replace(' ', '-')}-", str(own)], tried)
+    atheris.Setup([sys.argv[0], *flags, f"-artifact_prefix={found}/{plain}-", str(own)], tried)
     atheris.Fuzz()
+    os._exit(1)
 
 
 def main() -> int:
@@ -60,24 +76,22 @@ def main() -> int:
     parser.add_argument("--corpus", type=Path, required=True)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--reader", nargs="*", default=[])
-    parser.add_argument("--one", help=argparse.SUPPRESS)
     asked = parser.parse_args()
-    if asked.one:
-        one(asked.one, asked.corpus, asked.seconds)
-        return 0
-    from readers import readers
+    with instrumented():
+        from readers import readers
 
+        names = asked.reader or list(readers())
     asked.corpus.mkdir(parents=True, exist_ok=True)
     record = asked.corpus / "record.jsonl"
-    for name in asked.reader or readers():
-        words = [sys.executable, __file__, "--one", name, "--corpus", str(asked.corpus), "--seconds", str(asked.seconds)]
-        done = subprocess.run(words, capture_output=True, text=True, errors="replace", timeout=asked.seconds + 300.0, check=False)
-        text = done.stdout + done.stderr
+    for name in names:
+        log = asked.corpus / "log.txt"
+        status = fuzz(name, asked.corpus, asked.seconds, log)
+        text = log.read_text(encoding="utf-8", errors="replace")
         units = re.search(r"number_of_executed_units: (\d+)", text)
         cover = re.findall(r"cov: (\d+)", text)
         row = {
             "reader": name, "seconds": asked.seconds, "tried": int(units[1]) if units else 0, "edges": int(cover[-1]) if cover else 0,
-            "found": re.findall(r"FOUND (.*)", text) + ([] if units else [f"ended with {done.returncode}"]),
+            "found": re.findall(r"FOUND (.*)", text) + ([] if units else [f"ended with {status}"]),
         }  # fmt: skip
         with record.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")

@@ -1,7 +1,7 @@
 """Record in simulated worlds: bus, clocks, disk and kills from one seed (`tests/helpers/worlds.py`); and plant bugs to be found.
 
     python benchmarks/simulated_world.py --keep FILE [--runs SEEDS] [--first SEED] [--write]
-    python benchmarks/simulated_world.py --planted [--seeds N] [--write]
+    python benchmarks/simulated_world.py --planted --keep FILE [--seeds N] [--write]
 
 Each seed is a recording with its faults. A sample that was shown is in the files, no count is invented, each file is whole or absent, the
 log gives the same counts again, and every tenth seed leaves the same bytes when it is lived again. --planted puts each fault of
@@ -9,17 +9,20 @@ log gives the same counts again, and every tenth seed leaves the same bytes when
 """
 
 import argparse
+import json
+import math
 import multiprocessing
 import sys
 import tempfile
 import time
 import tomllib
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from study import Study, show, table
+from study import Kept, Study, show, table
 
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT / "tests" / name) for name in ("helpers", "oracles", "acquisition", "procedures", "rig", "sensors")]
@@ -94,19 +97,26 @@ def found(bug: dict[str, str], seeds: int) -> tuple[int, str]:
 def plant(asked: argparse.Namespace) -> int:
     """Plant each bug in a process of its own, and write the table."""
     bugs = tomllib.loads(PLANTED.read_text(encoding="utf-8"))["bug"]
-    context, rows, missed = multiprocessing.get_context("fork"), [], 0
-    for bug in bugs:
-        with context.Pool(1) as pool:
+    kept, rows, missed = Kept(asked.keep, asked.seconds), [], 0
+
+    def tried(bug: dict[str, str]) -> list[Any]:
+        with multiprocessing.get_context("fork").Pool(1) as pool:
             try:
-                seed, text = pool.apply_async(found, (bug, asked.seeds)).get(asked.patience)
+                return list(pool.apply_async(found, (bug, asked.seeds)).get(asked.patience))
             except multiprocessing.TimeoutError:
-                seed, text = 0, "does not end"
+                return [0, "does not end"]
+
+    for bug in bugs:
+        record = kept(json.dumps(bug), partial(tried, bug))
+        if record is None:
+            return 1
+        seed, text = record
         missed += seed < 0
         cells = [f"`{bug['module']}`", f"`{bug['old'].strip()}`", f"`{bug['new'].strip()}`", seed if seed >= 0 else "not found", text]
         rows.append([str(cell).replace("|", "/").replace("\n", " ")[:150] for cell in cells])
         print(rows[-1], flush=True)
     about = f"{len(bugs)} bugs were planted, {len(bugs) - missed} of them found by the first {asked.seeds} seeds at most."
-    head = "# Planted bugs\n\n`python benchmarks/simulated_world.py --planted --write`"
+    head = "# Planted bugs\n\n`python benchmarks/simulated_world.py --planted --keep FILE --write`"
     show(asked, f"{head}\n\n{about}\n\n{table(['module', 'code', 'bug', 'first seed', 'noticed'], rows)}", "planted_bugs")
     return int(missed > len(bugs) // 25)
 
@@ -117,8 +127,10 @@ if __name__ == "__main__":
     if "--planted" in sys.argv:
         parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
         parser.add_argument("--planted", action="store_true", required=True)
-        parser.add_argument("--seeds", type=int, default=60, help="seeds for each bug")
+        parser.add_argument("--seeds", type=int, default=120, help="seeds for each bug")
         parser.add_argument("--patience", type=float, default=120.0, help="seconds for each bug")
+        parser.add_argument("--keep", type=Path, help="file of what has run, to continue from")
+        parser.add_argument("--seconds", type=float, default=math.inf, help="begin nothing new after this time")
         parser.add_argument("--write", action="store_true", help="write the page of results")
         parser.add_argument("--out", type=Path, help="another page to write")
         raise SystemExit(plant(parser.parse_args()))

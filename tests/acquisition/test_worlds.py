@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from worlds import drawn, lived
 
-SEEDS = (*range(12), 31)
+SEEDS = (1, 2, 13, 27, 28, 37, 41)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -21,5 +21,6 @@ def test_a_seed_gives_the_same_bytes(tmp_path: Path) -> None:
 def test_the_seeds_of_the_suite_have_each_fault() -> None:
     faults = {fault.split(":")[0] for seed in SEEDS for fault in drawn(seed, 150).faults}
     assert faults == {
-        "bus off", "clock set", "disk", "doubled", "encoder starts again", "junk", "late", "lost", "pause", "silent channel",
+        "another sender", "bus off", "clock set", "disk", "doubled", "encoder starts again", "junk", "late", "lost", "no frames", "pause",
+        "silent channel", "slow disk",
     }  # fmt: skip

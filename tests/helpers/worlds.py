@@ -67,7 +67,8 @@ class World:
     """Samples and channels (n, 6) of which each frame came, and the frames before and behind it."""
     first_lost: NDArray[np.int64]
     """The sample from which a channel has another origin."""
-    clock_steps: bool
+    steps: int
+    """How often the clock of the wall is set."""
     disk: dict[int, str]
     """What happens at an operation of the disk, by its number."""
     stop_at_s: float
@@ -77,6 +78,12 @@ class World:
     """When a bus that failed can be opened again."""
     short: int
     """So many bytes at most are written at once."""
+    slow: int
+    """Every operation of the disk of this number takes seconds; 0: none does."""
+    exact: bool
+    """Whether the rig states an exact zero."""
+    hopeless: bool
+    """Whether the bus is gone for longer than the recorder waits."""
     now: float = 0.0
     position: int = 0
     operations: int = 0
@@ -118,6 +125,11 @@ class World:
     def operation(self, folder: Path, write: Callable[[int], None] | None = None) -> None:
         """Count an operation of the disk, and let it fail where the seed says so; write(k): writes a part of it."""
         self.operations += 1
+        if self.slow and self.operations % self.slow == 0:
+            end = self.now + 3.0
+            while self.now < end:
+                self.now = min(max(self.due[self.position][0] if self.position < len(self.due) else end, self.now + 1e-4), end)
+                self.pump()
         answer = self.disk.get(self.operations) or self.disk.get(0)
         if answer is None or (answer == "full" and self.operations < -min(self.disk)):
             return
@@ -137,16 +149,16 @@ def content(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
-def rig_of(bits: int) -> Rig:
+def rig_of(bits: int, exact: bool = True) -> Rig:
     """Return the rig of the six counters."""
-    return rigged_feed.cell(max_cable_speed_mm_s=LIMIT_MM_S, counter_bits=bits, zero_exact=True)
+    return rigged_feed.cell(max_cable_speed_mm_s=LIMIT_MM_S, counter_bits=bits, zero_exact=exact)
 
 
 def drawn(seed: int, samples: int = 400) -> World:
     """Return the world of a seed."""
     rng = np.random.default_rng(seed)
     period, bits = float(rng.choice([0.05, 0.2, 1.0])), int(rng.choice([16, 24, 32]))
-    n, row = int(rng.integers(samples // 4, samples)), np.arange(samples)
+    n, row, exact = int(rng.integers(samples // 4, samples)), np.arange(samples), bool(rng.integers(2))
     waves = MOST_PER_S * 20.0 * np.sin(2.0 * np.pi * row[:, None] * period / rng.uniform(200.0, 900.0, 4) + rng.uniform(0, 6, 4))
     truth = np.column_stack(
         [3 * row, 5 * row + 7, np.rint(waves + rng.integers(-FAR, FAR, 4) * (2.0**15 / 2.0**17 if bits == 16 else 1.0))]
@@ -176,13 +188,24 @@ def drawn(seed: int, samples: int = 400) -> World:
         twice[rng.random(twice.shape) < 0.02] = True
     if happens("late", 0.25):
         late[rng.random(late.shape) < 0.01] = period * rng.uniform(0.3, 0.9)
+        if not {"lost", "silent channel"} & set(faults):  # behind the next SYNC, before the frame that answers it
+            behind = (late > 0.0) & (rng.random(late.shape) < 0.5)
+            behind[1:] &= ~behind[:-1]
+            late = np.where(behind, period - 0.5e-4 * np.arange(1.0 + CHANNELS), late)
         late[:, 0] = 0.0
+    if happens("no frames", 0.06):
+        came[:] = False
+    others = np.zeros((n, 1 + CHANNELS), np.int64)
+    if not faults and happens("another sender", 0.5):
+        others = np.where(rng.random(others.shape) < 0.01, rng.integers(1, 4, others.shape), 0)
+        others[:, 0], others[:10] = 0, 0  # the motion is known
     if happens("encoder starts again", 0.25):
         channel, at = int(rng.integers(2, CHANNELS)), int(rng.integers(5, n - 5))
-        if abs(truth[at, channel]) > FAR // 10:
+        reported = bool(rng.random() < 0.6)
+        if abs(truth[at, channel]) > (MOST_PER_S // 10 if reported and not exact else FAR // 10):
             sent_truth[at:, channel] -= truth[at, channel]
             first_lost[channel] = at
-            if rng.random() < 0.6:
+            if reported:
                 words.append(
                     (float(sent_s[at]) - 0.3 * period, can.Message(arbitration_id=0x701 + channel, data=b"\0", is_extended_id=False))
                 )
@@ -196,11 +219,13 @@ def drawn(seed: int, samples: int = 400) -> World:
             if not came[k, j]:
                 continue
             at = float(sent_s[k]) + j * 1e-4 + late[k, j]
-            data, identifier = b"", 0x80
-            if j:
-                value = int(sent_truth[k, j - 1]) % 2**bits
-                identifier, data = fields[j - 1].identifier, value.to_bytes(fields[j - 1].bytes_needed, "little", signed=False)
-            due += [(at, can.Message(arbitration_id=identifier, data=data, is_extended_id=False))] * (1 + int(twice[k, j]))
+            for more in [0] * (1 + int(twice[k, j])) + [int(others[k, j])] * bool(others[k, j]):
+                data, identifier = b"", 0x80
+                if j:
+                    value = (int(sent_truth[k, j - 1]) + more) % 2**bits
+                    identifier, data = fields[j - 1].identifier, value.to_bytes(fields[j - 1].bytes_needed, "little", signed=False)
+                moment = at - (-1) ** k * 3e-5 * bool(more)
+                due.append((moment, can.Message(arbitration_id=identifier, data=data, is_extended_id=False)))
     if happens("junk", 0.2):
         for _ in range(int(rng.integers(1, 200))):
             junk = can.Message(arbitration_id=int(rng.integers(0x400, 0x580)), data=rng.bytes(int(rng.integers(9))), is_extended_id=False)
@@ -214,7 +239,7 @@ def drawn(seed: int, samples: int = 400) -> World:
             arbitration_id=message.arbitration_id, data=message.data, is_extended_id=False, is_rx=True,
         )  # fmt: skip
         due[i] = moment, own
-    back_s = 0.0
+    back_s, hopeless, stop_at_s = 0.0, False, float(sent_s[-1]) + period + 3.0
     if happens("bus off", 0.15):
         begin = float(sent_s[int(rng.uniform(0.2, 0.8) * n)]) + 0.3 * period
         end = begin + float(rng.uniform(0.1, 8.0) if rng.random() < 0.7 else rng.uniform(31.0, 90.0))
@@ -223,14 +248,14 @@ def drawn(seed: int, samples: int = 400) -> World:
         due = [one for one, out in zip(due, inside, strict=True) if not out]
         place = sum(at < begin for at, _ in due)
         due[place:place] = [(begin, can.CanOperationError("bus off"))]
-        back_s = end
-    intact = came.all(axis=1) & (late == 0.0).all(axis=1)
+        back_s, hopeless = end, min(end, stop_at_s) - begin > 32.0
+    intact = came.all(axis=1) & (late == 0.0).all(axis=1) & (others == 0).all(axis=1)
     around = intact & np.roll(intact, 1) & np.roll(intact, -1)
     around[[0, -1]] = intact[[0, -1]]
     disk: dict[int, str] = {}
     if happens("disk", 0.4):
         answer = str(rng.choice(["full", "part", "error", "interrupted", "killed", "killed"]))
-        number = int(rng.integers(1, 60 + 4 * n))
+        number = int(rng.integers(1, 60 + 4 * n if rng.random() < 0.6 else 40))
         disk = {number: answer} if answer != "full" else {-number: "", 0: "full"}
         faults[-1] = f"disk: {answer}"
     return World(
@@ -242,12 +267,15 @@ def drawn(seed: int, samples: int = 400) -> World:
         faults,
         np.repeat(around[:, None], CHANNELS, axis=1),
         first_lost,
-        bool(steps),
+        len(steps),
         disk,
-        float(sent_s[-1]) + period + 3.0,
+        stop_at_s,
         sent_s,
         back_s,
         int(rng.choice([10**9, 10**9, 10**9, 100])),
+        int(rng.integers(5, 60)) if happens("slow disk", 0.25) else 0,
+        exact,
+        hopeless,
     )
 
 
@@ -255,15 +283,22 @@ class _Bus:
     """A bus of python-can that the world feeds."""
 
     def __init__(self, world: World) -> None:
-        self._world, self._empty = world, False
+        self._world, self._empty, self._asked = world, False, 0
         if world.now < world.back_s and world.now > 0.0 and world.position and isinstance(world.due[world.position - 1][1], Exception):
             raise can.CanInitializationError("no bus")
 
     def recv(self, timeout: float) -> can.Message | None:
         """Return a frame that is due; None once where none is, then Idle."""
         del timeout
+        if self._asked:  # it has failed: only another one receives
+            self._asked += 1
+            assert self._asked < 1000
+            raise can.CanOperationError("bus off")
         try:
             one = self._world.recv()
+        except can.CanError:
+            self._asked = 1
+            raise
         except Idle:
             self._empty = not self._empty
             if self._empty:
@@ -307,6 +342,7 @@ class _Thread:
         def pump() -> None:
             with contextlib.suppress(Idle):
                 target()
+                world.pump = lambda: None
 
         self._world, self._pump = world, pump
 
@@ -361,7 +397,7 @@ def simulated(world: World, folder: Path) -> Iterator[None]:
             return usual_open(path, mode, buffering, *args, **more)
         if mode == "xb" and buffering == 0:
             return _File(world, folder, path, "xb")
-        world.operation(folder)
+        world.operation(folder, lambda _: usual_open(path, mode).close())  # what is written anew is empty first
         return usual_open(path, mode, buffering, *args, **more)
 
     def synced(number: int) -> None:
@@ -400,7 +436,7 @@ class Outcome:
 def lived(world: World, folder: Path) -> Outcome:
     """Record the world into a folder, and judge the files."""
     shutil.rmtree(folder, ignore_errors=True)
-    rig = rig_of(world.bits)
+    rig = rig_of(world.bits, world.exact)
     wrong: list[str] = []
     ended, reported = "complete", None
     handlers = signal.getsignal(signal.SIGINT)
@@ -427,6 +463,14 @@ def lived(world: World, folder: Path) -> Outcome:
             (folder / name).write_bytes(data)
     after = content(folder) if folder.exists() else {}
     wrong += _judged(world, rig, folder, after, ended, reported is not None)
+    if world.hopeless and ended == "complete":
+        wrong.append("complete, though the bus did not come back")
+    if reported is not None:
+        if reported.faults.get("clock_step", 0) > world.steps:
+            wrong.append(f"{reported.faults['clock_step']} steps of a clock that was set {world.steps} times")
+        lines, came = after["pass1.log"].count(b"\n"), sum(isinstance(what, can.Message) for _, what in world.due[: world.position])
+        if ended == "complete" and not world.disk and lines != came:
+            wrong.append(f"{came} frames came, the log has {lines}")
     digest = hashlib.sha256(b"".join(name.encode() + data for name, data in sorted(after.items()) if ".part" not in name)).hexdigest()[:16]
     return Outcome(world.seed, ended, world.now, digest, world.faults, sum(map(len, world.kept)), wrong)
 
@@ -438,7 +482,7 @@ def _judged(world: World, rig: Rig, folder: Path, after: dict[str, bytes], ended
     if ended.startswith("refused"):
         if whole:
             yield f"refused, and left {sorted(whole)}"
-        if not world.disk and "bus off" not in world.faults:
+        if not world.disk and not {"bus off", "no frames"} & set(world.faults):
             yield ended
         return
     if "run.toml" not in whole:
@@ -486,13 +530,15 @@ def _true(world: World, time_s: FloatArray, recorded: FloatArray, complete: bool
         yield "samples twice, or in another order"
     row = rows[known].astype(int)
     off = recorded[known] - world.truth[row]
+    if "late" in world.faults and not complete:
+        off[-1] = np.nan  # its frame may be that of the sample before
     off[row[:, None] >= world.first_lost] = np.where(np.isnan(off), np.nan, np.inf)[row[:, None] >= world.first_lost]
     if (np.abs(off) > 0).any():
         at = np.argwhere(np.abs(off) > 0)[0]
         yield f"channel {at[1] + 1}, sample {row[at[0]]}: a count off by {off[tuple(at)]}"
     if len(row):
         moved = (time_s[known] - time_s[known][0]) - (world.sent_s[row] - world.sent_s[row[0]])
-        allowed = SURE_S if world.clock_steps else 1e-3
+        allowed = SURE_S if world.steps else 1e-3
         if np.abs(moved).max() > allowed:
             yield f"a time is off by {np.abs(moved).max():.3g} s"
     if complete and len(row):
@@ -502,9 +548,12 @@ def _true(world: World, time_s: FloatArray, recorded: FloatArray, complete: bool
             yield f"{len(missing)} whole samples are not there, the first {missing[0]}"
         if not world.faults and np.isnan(recorded).any():
             yield "empty cells without a fault"
-        lost = ("encoder starts again", "lost", "silent channel", "bus off", "late", "pause")
-        if not set(lost) & set(world.faults) and np.isnan(recorded).any():
+        lost = {"encoder starts again", "lost", "silent channel", "bus off", "late", "pause", "another sender"}
+        if not lost & set(world.faults) and np.isnan(recorded).any():
             yield f"empty cells with {world.faults}"
+        empty = int((np.isnan(recorded[known]) & world.good[row]).sum())
+        if set(world.faults) <= {"lost", "late", "doubled", "junk", "slow disk", "another sender"} and empty:
+            yield f"{empty} empty cells though their frames came"
 
 
 def _again(world: World, rig: Rig, folder: Path, recorded: FloatArray, done: bool) -> Iterator[str]:
