@@ -73,7 +73,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Motion]":
 
     if settings.run is not None:
         beside = ("columns", "u_position_mm", "u_rotation_deg", "align", "half_width_s")
-        refuse(settings, "does not go with --run: the curve of its counts says all", *beside)
+        refuse(settings, message("refuse.curve"), *beside)
     progress(0.0, "motion")
     trajectory = read_trajectory(settings.trajectory, stated_beside(settings))
     if settings.align is not None:

@@ -233,7 +233,7 @@ def _limits(settings: Settings) -> "Callable[[FloatArray], Kept | None]":
         return on_tool
     if not isinstance(robot, ParallelFile) or len(robot.model.joint_names) != LINKS:
         raise SettingsError("robot", message("error.corrects_paths_of_platforms", name=settings.robot))
-    refuse(settings, "goes with links, not with a mechanism's own limits", "limit_deg", "length_mm")
+    refuse(settings, message("refuse.not_mechanism"), "limit_deg", "length_mm")
     limits = Behind(PathLimits(robot.model, robot.limits), robot.tool_pose)
     return lambda pose: keeping(limits, pose)
 

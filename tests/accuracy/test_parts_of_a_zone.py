@@ -173,7 +173,7 @@ def test_what_is_covered_is_said() -> None:
     some = changed(phased, {"zero_exact": True}, which=2)
     mixed = "counts of +-1/2, the sub-count offset at zeroing of counters without an exact zero (the same size)"
     assert covers(some, None) == f"{mixed}{none}"
-    linked, since = record("B1.x_mm"), ", of the change of each length since zeroing at the start pose"
+    linked, since = record("B1.x_mm"), ", all for changes of length since zeroing at the start pose"
     assert covers(exact, linked) == f"counts of +-1/2 and the linked calibration's covariance{since}"
     stated = changed(exact, {"u_run_out_mm": 0.02})
     text = covers(stated, None)

@@ -85,9 +85,9 @@ def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
     [
         (("--language", "de"), 2, "not one of en, ru"),
         (("--rule", "strict"), 2, "'strict' is not one of simple, guarded"),
-        (("--xsd", "x.xsd"), 2, "goes with --dcc"),
-        (("--constraint", "planar"), 2, "goes with --run"),
-        (("--repeatability-mm", "0.1"), 2, "goes with --run"),
+        (("--xsd", "x.xsd"), 2, "works only with --dcc"),
+        (("--constraint", "planar"), 2, "works only with --run"),
+        (("--repeatability-mm", "0.1"), 2, "works only with --run"),
         (("--angles", "euler"), 2, "not one of puma-oat"),
         (("--tool-offset-mm", "1,2"), 2, "three numbers"),
         (("--tool-offset-mm", "nan,0,0"), 2, "three numbers"),
@@ -160,7 +160,7 @@ def test_what_is_no_calibration_beside_one_is_named(tmp_path: Path) -> None:
     (tmp_path / "calibrated" / "calibration.json").write_text("{}")
     code, text = run("compare", tmp_path / "calibrated", "nowhere")
     assert code == 2
-    assert "nowhere: holds no calibration.json; of calibrations two are compared" in " ".join(text.replace("│", " ").split())
+    assert "nowhere: contains no calibration.json; to compare calibrations, give two folders" in " ".join(text.replace("│", " ").split())
 
 
 def test_the_load_that_a_compliance_test_needs_is_asked_for_by_its_option(tmp_path: Path) -> None:

@@ -285,12 +285,12 @@ def test_angles_of_the_documents_do_where_quaternions_do(tmp_path: Path) -> None
 def test_what_cannot_be_studied_is_said_in_one_line(tmp_path: Path) -> None:
     assert "its legs do not reach this pose" in refused("mechanism", "rotopod", "--position-mm", "0,0,2000")
     assert "is of kind 'hexapod'" in refused("mechanism", "gough")
-    assert "goes with --x, --y and --z" in refused("mechanism", "rotopod", "--drives", "5")
+    assert "works only with --x, --y and --z" in refused("mechanism", "rotopod", "--drives", "5")
     box = ("--x", "0:1:1", "--y", "0:1:1", "--z", "960:961:1")
     assert "so is --tilt-deg" in refused("mechanism", "rotopod", *box, "--tilt-deg", "1", "--tilt-rad", "0.01")
     assert "give all three for a workspace" in refused("mechanism", "rotopod", "--x", "0:1:0.5")
     assert "is no robot that comes along" in refused("mechanism", "rotopode")
-    assert "goes with --joints" in refused("mechanism", "rotopod", "--poses", tmp_path / "p.csv")
+    assert "works only with --joints" in refused("mechanism", "rotopod", "--poses", tmp_path / "p.csv")
     (tmp_path / "p.csv").write_text("pose,x_mm,y_mm,z_mm,qx,qy,qz,qw\na,0,0,0,0,0,0,1\nb,1,0,zero,0,0,0,1\n")
     said = refused("dyads", tmp_path / "p.csv", "--out", tmp_path / "d")
     assert "p.csv" in said

@@ -171,7 +171,7 @@ def test_a_worker_of_another_version_does_nothing(tmp_path: Path) -> None:
 def test_results_go_to_a_place_that_is_no_folder(tmp_path: Path) -> None:
     runs = runs_of(tmp_path, robots=1)
     words = ("reconstruct", f"{runs}/*/*/run", *BY, "--out", "memory://fleet")
-    assert "holds no database" in " ".join(done(*words, code=2).split())
+    assert "contains no database" in " ".join(done(*words, code=2).split())
     more = ("--catalogue", str(tmp_path / "items.sqlite"))
     assert "2 done" in done(*words, *more)
     assert "2 unchanged" in done(*words, *more)

@@ -86,7 +86,7 @@ def test_a_trajectory_without_a_sample_is_one_line(plan: Campaign, ran: tuple[Pr
         windows_from_rests(plan.program, tmp_path / "commands.csv", nothing)
     head = (tmp_path / "commands.csv").read_text().splitlines()[0]
     (tmp_path / "none.csv").write_text(head + "\n")
-    with pytest.raises(FileFormatError, match="holds no command"):
+    with pytest.raises(FileFormatError, match="contains no command"):
         windows_from_rests(plan.program, tmp_path / "none.csv", ran[1])
 
 

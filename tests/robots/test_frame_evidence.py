@@ -214,5 +214,5 @@ def test_a_table_in_other_units_is_written_back_in_them(tmp_path: Path) -> None:
     ):
         with pytest.raises(RobotError, match=said):
             corrected(ROBOT, "p.csv", "\n".join(lines), columns=columns_of(text))
-    with pytest.raises(RobotError, match="goes with tables"):
+    with pytest.raises(RobotError, match="works only with tables"):
         corrected(ROBOT, "p.mod", "", columns=columns)

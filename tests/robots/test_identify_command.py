@@ -95,7 +95,7 @@ def truth_of_asked() -> NDArray[np.float64]:
         (["--robot", "kr210"], 2, "is no robot that comes along; known: "),
         (["--robot", "ur5", "--free", "luck"], 2, "nothing that can be freed; known: links"),
         (["--robot", "ur5", "--free", "stiffness"], 2, "the robot states no [payload], whose weight would turn its joints"),
-        (["--robot", "ur5", "--tip", "flange"], 2, "goes with a .urdf"),
+        (["--robot", "ur5", "--tip", "flange"], 2, "works only with a .urdf"),
         (["--robot", "ur5", "--columns", "x"], 2, "'x' is not name=column[unit]"),
         (["--robot", "ur5", "--columns", "x=Q"], 1, "column 'Q', which --columns says is x, is missing"),
         (["--robot", "ur5", "--predict", "none.csv"], 1, "none.csv: cannot be read"),

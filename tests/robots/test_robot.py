@@ -224,7 +224,7 @@ def test_two_arms_ask_for_a_tip(tmp_path: Path) -> None:
         ),
         ({"joint": [{"name": "a"}, {"name": "b", "follows": "a", "ratio": 0.0}]}, "joint b: follows a: ratio must not be 0"),
         ({"joint": [{"name": "a"}, {"name": "b", "follows": "a", "sin1_deg": 0.1}]}, "scale and errors are those of a"),
-        ({"joint": [{"name": "a", "ratio": 2.0}]}, "joint a: ratio goes with follows"),
+        ({"joint": [{"name": "a", "ratio": 2.0}]}, "joint a: ratio needs follows"),
     ],
 )
 def test_robots_that_contradict_themselves_are_refused_in_one_line(change: dict[str, object], said: str) -> None:

@@ -171,7 +171,7 @@ def test_a_still_reading_that_fits_several_assemblies_lists_them(tmp_path: Path)
     (folder / "pass1.csv").write_text("\n".join([counts[0], *[f"{0.001 * i:.3f},{counts[1].split(',', 1)[1]}" for i in range(20)]]) + "\n")
     done = CliRunner().invoke(app, ["reconstruct", str(folder), "--out", str(out)])
     assert done.exit_code == 1
-    assert "assemblies and do not tell them apart" in str(done.exception)
+    assert "assembly modes: " in str(done.exception)
     assert "(0." in str(done.exception)
     assert not out.exists()
 

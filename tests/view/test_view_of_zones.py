@@ -88,7 +88,7 @@ def test_zone_is_coloured_by_its_radius_where_that_is_known(tmp_path: Path) -> N
     by_radius = sorted((radius[::-1][np.isclose(angles, a)][0], redness) for a, redness in shown)
     assert (np.diff([redness for r, redness in by_radius]) >= 0).all()
     assert by_radius[0][1] < by_radius[-1][1] - 100
-    assert "colours of /world/zone are the 95 % radius" in stored(tmp_path / "zone.rrd", "/notes", "TextDocument:text")[1][0][0]
+    assert "colours of /world/zone are U95 of the position" in stored(tmp_path / "zone.rrd", "/notes", "TextDocument:text")[1][0][0]
 
 
 def test_calibration_on_its_own_timeline(tmp_path: Path) -> None:

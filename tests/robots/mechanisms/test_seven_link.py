@@ -196,7 +196,7 @@ def test_the_pose_of_table_1_is_completed_by_the_first_links() -> None:
             assert abs(expected) < np.radians(0.6)
     with pytest.raises(GeometryError, match="completed by 2 links, not by 1"):
         completed("line", poses(TABLE_3)[0], TABLE_2[:1, :3], TABLE_2[:1, 3:6], lengths=TABLE_2[:1, 6])
-    with pytest.raises(GeometryError, match="does not tell the turn"):
+    with pytest.raises(GeometryError, match="does not determine the rotation"):
         completed("point on a line", poses(TABLE_3)[0], TABLE_2[:1, :3], np.array([[0.0, 0.0, 1.0]]), lengths=TABLE_2[:1, 6])
 
 
