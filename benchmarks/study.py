@@ -118,8 +118,11 @@ class Kept:
 
     def __init__(self, path: Path | None, seconds: float = math.inf) -> None:
         self.path, self.until = path, time.monotonic() + seconds
-        lines = path.read_text(encoding="utf-8").splitlines() if path is not None and path.exists() else []
-        self.known: dict[str, Any] = dict(json.loads(line) for line in lines)
+        text = path.read_text(encoding="utf-8") if path is not None and path.exists() else ""
+        whole = text[: text.rfind("\n") + 1]
+        if path is not None and whole != text:  # of a start that was stopped while it wrote
+            path.write_text(whole, encoding="utf-8", newline="\n")
+        self.known: dict[str, Any] = dict(json.loads(line) for line in whole.splitlines())
 
     def __call__(self, key: str, run: Callable[[], Any]) -> Any:
         """Return the record of a key, drawn now if it is not known; None where the time is over."""

@@ -64,7 +64,13 @@ def test_what_is_not_stated_is_estimated(study: ModuleType, world: str, error_mm
 
 
 @pytest.mark.parametrize(
-    ("world", "seed", "said"), [("a point moves 1 mm", 0, "B3 moved by about 1.2 mm"), ("circumferences 0.2 %", 1, "B3"), ("sound", 0, "")]
+    ("world", "seed", "said"),
+    [
+        ("a point moves 1 mm", 0, "B3 moved by about 1.2 mm"),
+        ("circumferences 0.2 %", 1, "B3"),
+        ("sound", 0, ""),
+        ("robot 1 mm, 20 poses", 2, ""),
+    ],
 )
 def test_faults_beyond_typical_sizes_are_named(study: ModuleType, tmp_path: Path, world: str, seed: int, said: str) -> None:
     study.folder(tmp_path, study.bench(seed, study.WORLDS[world]), study.WORLDS[world], seed, "unstated")

@@ -90,9 +90,14 @@ def larger_than_typical(sized: Sized | None, dimensions: Dimensions) -> list[Fin
 
 
 def _group_size(parts: list[Variable], dimensions: Dimensions) -> float:
-    """Return the root mean square of the errors of parts of one kind in units of the typical size; 0 where chance explains it."""
-    z = np.array([dimensions.correction[dimensions.names.index(name)] / v.u for v in parts for name in v.names])
-    return float(np.sqrt(np.mean(z**2))) if len(z) and scipy.stats.chi2.sf(z @ z, len(z)) < BY_CHANCE else 0.0
+    """Return the root mean square of the errors of parts of one kind in units of the typical size; 0 where chance explains it, or their own
+    uncertainty."""
+    at, u = [dimensions.names.index(name) for v in parts for name in v.names], np.array([v.u for v in parts for _ in v.names])
+    z = dimensions.correction[at] / u
+    size = float(np.linalg.norm(z))
+    along = z / u / size if size else z
+    least = max(size - 2.0 * math.sqrt(along @ dimensions.covariance[np.ix_(at, at)] @ along), 0.0)
+    return size / math.sqrt(len(z)) if len(z) and scipy.stats.chi2.sf(least**2, len(z)) < BY_CHANCE else 0.0
 
 
 def _least_size(v: Variable, sized: Sized, dimensions: Dimensions) -> float:
