@@ -1,4 +1,4 @@
-"""What a pose must keep to lie in an accuracy zone, bodies that the cables must not touch, and which of it a place breaks."""
+"""Conditions of a pose in an accuracy zone, bodies that the cables must not touch, and which of it a place breaks."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -55,7 +55,7 @@ REASONS = (
 
 @dataclass(frozen=True)
 class Limits:
-    """What a pose must keep to lie in the zone; None asks nothing.
+    """Conditions of a pose in the zone; None is no condition.
 
     angle_deg: pressure-angle analogue; length_mm: shortest and longest cable, B to attachment point; u95_mm, u95_rotation_deg,
     u95_attachment_mm: 95 % radii of the tool origin, the rotation vector and the worst attachment point; wrap_deg: largest wrapped angle;

@@ -114,7 +114,7 @@ class Placed(Shown):
     sensitivity: dict[str, tuple[float, float, float]]
     evaluations: int
     assumed: Assumed = field(default_factory=Assumed)
-    """What typical sizes that nobody stated make of U95 at the task after the search."""
+    """Part of typical sizes that nobody stated in U95 at the task after the search."""
 
     def about(self) -> dict[str, str]:
         """The worst figures at the task, before and after."""
@@ -362,7 +362,7 @@ def _rig_at(search: Search, x: FloatArray) -> Rig:
 
 
 def placement_record(placed: Placed, seed: int) -> dict[str, Any]:
-    """What placement.json holds."""
+    """Return what placement.json holds."""
     return {
         "schema": SCHEMA,
         "seed": seed,

@@ -1,4 +1,5 @@
-"""What readings of every kind, drums with cables, swivels and inclinations, tell of a pose in a cell, and what faults of theirs would show.
+"""Information of readings of every kind, drums with cables, swivels and inclinations, about a pose in a cell, and faults of theirs would
+show.
 
 With A the readings' rows at a pose, and V the covariance of what single readings cannot be distinguished from, counts, where within a
 count each counter was zeroed and where each encoder has its zero, the pose is that of
@@ -131,7 +132,7 @@ def readings_of(rig: Rig, calibration: CalibrationRecord | None, start: FloatArr
 
 
 def determined(readings: Readings, poses: FloatArray) -> Determined:
-    """What the readings tell at poses (n, 7)."""
+    """Return what the readings tell at poses (n, 7)."""
     rows, m, poses = readings.rows, len(readings.rows), np.ascontiguousarray(poses)
     values = kernels.span_lengths(rows, poses)
     A = kernels.span_rows_of(rows, poses)

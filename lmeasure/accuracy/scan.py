@@ -42,7 +42,7 @@ def digest_of(arrays: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Plan:
-    """What to scan, as arrays; see `kernels.zone.scan` for cables ... bodies.
+    """Scan of a zone, as arrays; see `kernels.zone.scan` for cables ... bodies.
 
     positions (n, 3) [mm]; quaternions (k, 4); order (m,): the cables as the lanes take them, of six the first three being inverted first;
     nodes_per_chunk: how the positions are cut.
@@ -71,7 +71,7 @@ class Plan:
 
     @property
     def chunks(self) -> int:
-        """How many chunks the positions make."""
+        """Return how many chunks the positions make."""
         return -(-len(self.positions) // self.nodes_per_chunk)
 
     def digest(self) -> str:
@@ -139,7 +139,7 @@ def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntAr
 
 
 def _linked(plan: Plan, order: IntArray) -> kernels.Linked | None:
-    """What the lanes need of the calibration, the cables in the given order; None without one."""
+    """Return what the lanes need of the calibration, the cables in the given order; None without one."""
     m, columns = len(order), plan.factor.shape[1]
     if columns == 0:
         return None

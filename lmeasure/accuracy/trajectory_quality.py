@@ -34,7 +34,7 @@ class Stretch:
 
     @property
     def samples(self) -> int:
-        """How many."""
+        """Return how many."""
         return self.last - self.first + 1
 
 
@@ -61,7 +61,7 @@ class Along:
 
 
 def along(trajectory: Trajectory) -> Along:
-    """What is to be drawn and said of a trajectory."""
+    """Return what is to be drawn and said of a trajectory."""
     covariance = trajectory.random + trajectory.systematic
     u95_mm, u95_rad = stated_radii_95(covariance[:, 3:, 3:]), stated_radii_95(covariance[:, :3, :3])
     no_place, no_turn = np.isnan(trajectory.poses[:, 0]), np.isnan(trajectory.poses[:, 3])

@@ -128,7 +128,7 @@ def covariance_factor(rig: Rig, calibration: CalibrationRecord | None) -> FloatA
 
 @dataclass(frozen=True, kw_only=True)
 class Scan:
-    """What is mapped of a zone, and how it is computed.
+    """Settings of a zone: mapped quantities and their computation.
 
     bodies: what the cables must not touch; start (7,): the pose at which the counters are zeroed; spacing_mm: the volume's step along an
     axis with a single node; refine: the volume within the box is wanted to this relative change (0.002, say), by cutting the cells along

@@ -67,7 +67,7 @@ def within(data: "xr.Dataset", limits: Limits) -> "xr.Dataset":
 
 
 def reasons(zone: "xr.Dataset") -> dict[str, int]:
-    """How many nodes each of `REASONS` takes from the zone; a node may have several."""
+    """Return how many nodes each of `REASONS` takes from the zone; a node may have several."""
     because = zone["rejected_because"].values
     return {reason: int((because >> bit & 1).sum()) for bit, reason in enumerate(REASONS)}
 
@@ -115,7 +115,7 @@ def goes_on(zone: "xr.Dataset") -> list[str]:
 
 
 def advice(zone: "xr.Dataset", rig: Path) -> list[str]:
-    """What can be done where no node is in the zone."""
+    """Return what can be done where no node is in the zone."""
     reason, nodes = max(sole_reasons(zone).items(), key=lambda item: item[1])
     command = f"lmeasure place {pasted(rig)} --task placement.toml --out placed"
     because_of = message("zone_line.nothing_because", nodes=nodes, reason=message(f"zone_reason.{reason}"))

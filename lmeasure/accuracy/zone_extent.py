@@ -1,4 +1,4 @@
-"""What fits into a zone, its skin and its edge: volume with the grid's error, largest box and ball, test cube of ISO 9283, a closed mesh,
+"""Extent of a zone, its skin and its edge: volume with the grid's error, largest box and ball, test cube of ISO 9283, a closed mesh,
 and the edge followed level by level, exact where a grid of nodes has steps (thesis 5.3)."""
 
 from dataclasses import dataclass

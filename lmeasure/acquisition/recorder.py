@@ -127,7 +127,7 @@ class Recording:
 
     @property
     def _advice(self) -> str:
-        """What to do about counts that are missing."""
+        """Return what to do about counts that are missing."""
         if self.faults.get("lost_wrap"):
             return message("acquisition.counter_may_have_passed")
         return message("acquisition.look_encoder_plug_cable")

@@ -208,13 +208,13 @@ def seal(folder: Path, certificate_id: str, known: list[dict[str, Any]], key: An
 
 @dataclass(frozen=True)
 class Seal:
-    """What a look at every byte of a bundle gave. signer: fingerprint of the key that signed it, None where nobody did."""
+    """Result of a check of every byte of a bundle. signer: fingerprint of the key that signed it, None where nobody did."""
 
     differences: tuple[Difference, ...]
     signer: str | None
     certificate: str
     files: frozenset[str] = frozenset()
-    """What the manifest names."""
+    """Files that the manifest names."""
 
 
 def check_seal(folder: Path, public_key: Any | None = None) -> Seal:

@@ -166,7 +166,7 @@ def _measured_with(measured: Measured) -> dict[str, Any] | None:
 
 
 def commanded(program: Program) -> dict[str, Any]:
-    """What was commanded, at what speed and load: the program's poses and paths without their times."""
+    """Return what was commanded, at what speed and load: the program's poses and paths without their times."""
     times = {"windows_s", "settling_s", "approaches", "units"}
     rows = {key: [p.model_dump(exclude=times, exclude_defaults=True) for p in getattr(program, key)] for key in ("pose", "path")}
     return plain({"load_kg": program.load_kg} | rows)

@@ -1,4 +1,4 @@
-"""What a report must say besides its figures (ISO/IEC 17025:2017, 7.8.2 to 7.8.4): the details file.
+"""Contents of a report besides its results (ISO/IEC 17025:2017, 7.8.2 to 7.8.4): the details file.
 
 Everything is optional: what is not stated is named as not stated, never guessed.
 """
@@ -190,7 +190,7 @@ class Details(Strict):
     """Accreditation; for accredited laboratories only."""
 
     def stated(self) -> dict[str, Any]:
-        """What is stated, as the tables of the file; nothing else."""
+        """Return what is stated, as the tables of the file; nothing else."""
         return {key: value for key, value in self.model_dump(by_alias=True, exclude_none=True).items() if value != {}}
 
 

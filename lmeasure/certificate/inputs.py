@@ -65,7 +65,7 @@ class Inputs:
 
     @property
     def beside(self) -> Stated:
-        """What is said of the trajectory's file beside it."""
+        """Return what is said of the trajectory's file beside it."""
         turn = None if self.u_rotation_deg is None else math.radians(self.u_rotation_deg)
         return Stated(columns_of(self.columns), self.u_position_mm, turn, of_others=self.sealed)
 
@@ -98,7 +98,7 @@ class Inputs:
         return out
 
     def stated(self) -> dict[str, Any]:
-        """What `inputs_in` needs besides the files, for certificate.json."""
+        """Return what `inputs_in` needs besides the files, for certificate.json."""
         return {
             "trajectory": f"{INPUTS}/trajectory{self.trajectory.suffix.lower()}",
             "program": f"{INPUTS}/program.toml",
@@ -173,7 +173,7 @@ def _beside(place: str, link: str, what: str) -> str:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a measurement gave. trajectory: the poses that were evaluated, from the counts when there is a run.
+    """Result of a measurement. trajectory: the poses that were evaluated, from the counts when there is a run.
 
     systematic_sha256: digest of the rig and its calibration, where nothing else is systematic in the run: measurements that have it in
     common share their systematic errors. None where that is not so, or not known.

@@ -1,4 +1,4 @@
-"""What pictures of a certificate are drawn from: scatter of attained poses, deviation and speed along paths, drift. No drawing here."""
+"""Data of a certificate's pictures: scatter of attained poses, deviation and speed along paths, drift. No drawing here."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

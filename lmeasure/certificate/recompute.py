@@ -1,4 +1,4 @@
-"""What a certificate says, held against what its inputs give again."""
+"""Comparison of a certificate with the results that its inputs give again."""
 
 import math
 import re

@@ -104,7 +104,7 @@ def _mean_distance(errors: FloatArray, noise: FloatArray) -> tuple[float, float,
         return 0.0, 0.0, float(np.quantile(np.linalg.norm(noise, axis=2).mean(axis=1), 1.0 - OUTSIDE))
 
     def beyond(part: float) -> float:
-        """How often a robot of so much of the errors would show more than was measured."""
+        """Return how often a robot of so much of the errors would show more than was measured."""
         return float(np.mean(np.linalg.norm(part * errors + noise, axis=2).mean(axis=1) > measured))
 
     def bound(probability: float) -> float:

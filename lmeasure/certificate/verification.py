@@ -18,12 +18,12 @@ from lmeasure.iso9283 import SCHEMA
 from lmeasure.text import LANGUAGES, joined, message
 
 PROGRAM = ("lmeasure", "lmeasure sources")
-"""What of an environment is this program itself: another one prints other texts."""
+"""Parts of an environment that are this program itself: another one prints other texts."""
 
 
 @dataclass(frozen=True)
 class Printer:
-    """How a file that people read comes from a certificate, and the text that they read in its bytes. text: ValueError when they cannot
+    """Printer of a file that people read, and the text that they read in its bytes. text: ValueError when they cannot
     be read. needed: `certify` writes it always. close: whether two of them are the same but for the last digits of numbers."""
 
     write: Callable[[dict[str, Any], Measured], bytes]
@@ -38,7 +38,7 @@ class Printer:
 
 @dataclass(frozen=True)
 class Verification:
-    """What is different, if anything; how many figures agree; in what the environment differs and what that made of the figures at most.
+    """Differences, if any; number of equal results; differences of the environment and the change that they made of the figures at most.
 
     skipped: what could not be compared, and why. beside: figures by another method beside today's, as lines. authorised: the name of the
     key that signed it among those that may, empty where none of them did; None where none are named.

@@ -1,4 +1,4 @@
-"""What a command tells another program while it works: a line of JSON on standard error for everything that a person would be shown.
+"""Events of a working command for another program: a line of JSON on standard error for everything that a person would be shown.
 
 Asked for by LMEASURE_EVENTS=1 in the environment, beside `--json`, whose document stays alone on standard output. Each line has
 `event`: progress (fraction, text), said (text), state (text), asked (text, number, of), live (a recording, its pose), compiling (text).
@@ -137,7 +137,7 @@ def _pose(watch: "PoseWatch | str") -> dict[str, Any]:
 
 
 def _status(name: str) -> str:
-    """What a sample is that has no pose, in the words of who reads."""
+    """Return what a sample is that has no pose, in the words of who reads."""
     return texts(of_terminal(), "trajectory").get(f"status.{name}", word("cli.start_unknown"))
 
 

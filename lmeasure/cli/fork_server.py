@@ -29,11 +29,11 @@ from lmeasure.workbench import ONE, READY
 LEFT_OUT = ("lmeasure.view", "lmeasure.workbench", "lmeasure.__main__")
 """rerun begins threads; a command serves no pages."""
 BESIDE = ("can.interfaces.udp_multicast", "dask.array", "h5netcdf", "rich.progress", "tomlkit")
-"""What commands load where they need it, beside lmeasure's own modules; some of it may not be installed."""
+"""Modules that commands load where they need them, beside lmeasure's own modules; some of it may not be installed."""
 
 
 class Command(NamedTuple):
-    """What a process shall do: the words after `lmeasure`, in a folder, with an environment."""
+    """Task of a process: the words after `lmeasure`, in a folder, with an environment."""
 
     words: list[str]
     folder: str

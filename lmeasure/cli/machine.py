@@ -22,7 +22,7 @@ def asked(words: Sequence[str] | None = None) -> bool:
 
 
 def of_result(command: str, result: Result[Any]) -> dict[str, Any]:
-    """What a workflow gave."""
+    """Return what a workflow gave."""
     return _document(
         command,
         1 if result.failure else result.exit_code,
@@ -52,12 +52,12 @@ def _document(command: str, exit_code: int, error: str | None, **given: Any) -> 
 
 
 def _notes(made: Any) -> list[dict[str, str]]:
-    """What must be known of what was made, each by its code, where it says so."""
+    """Return what must be known of what was made, each by its code, where it says so."""
     return [{"code": note.code, "text": str(note)} for note in getattr(made, "notes", ()) if isinstance(note, Message)]
 
 
 def _made(result: Result[Any]) -> Any:
-    """What was made: data as they are, unless a file of the command holds them, objects by what they say of themselves."""
+    """Return what was made: data as they are, unless a file of the command holds them, objects by what they say of themselves."""
     made = result.made
     if isinstance(made, Shown):
         return made.about()

@@ -1,4 +1,4 @@
-"""What a person sees while a command works: a bar that vanishes, stages that stay, a table of a recording, questions."""
+"""Display of a working command: a bar that vanishes, stages that stay, a table of a recording, questions."""
 
 import sys
 import tempfile

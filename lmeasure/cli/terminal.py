@@ -78,7 +78,7 @@ class TypedLines:
         self._lines: queue.SimpleQueue[tuple[str, float]] = queue.SimpleQueue()
         self._by_person = events.asked()
         self.waited_s = 0.0
-        """How long the last lines had waited, where a person typed them; a script may type ahead [s]."""
+        """Time that the last lines had waited, where a person typed them; a script may type ahead [s]."""
         self._ended = self.gone = False
         self._before: list[Any] | None = None
         self._reader: threading.Thread | None = None

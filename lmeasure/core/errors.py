@@ -1,4 +1,4 @@
-"""What can go wrong, as one tree.
+"""Errors, as one tree.
 
 Every error is one line for the person at the instrument: the file, the sample, the cable and the limit that was broken. The
 command line prints it and exits with 1; a script catches `LMeasureError`.
@@ -45,7 +45,8 @@ def one_line(text: str) -> str:
 
 
 class OverwriteError(LMeasureError):
-    """What a command would write over is not its own: an input, a recording, another command's output, a person's file. Exit code 2."""
+    """A file that a command would write over is not its own: an input, a recording, another command's output, a person's file. Exit code
+    2."""
 
 
 class SettingsError(LMeasureError):

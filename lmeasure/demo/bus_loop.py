@@ -33,7 +33,7 @@ def record_motion(simulated: SimulatedRun, progress: Callable[[int, int], None] 
 
 
 def different_counts(sent: Run, received: Run) -> str:
-    """How many recorded counts of two runs differ, lost samples included."""
+    """Return how many recorded counts of two runs differ, lost samples included."""
     total = sum(c.recorded.size for c in sent.passes)
     same = 0
     for there, here in zip(sent.passes, received.passes, strict=True):

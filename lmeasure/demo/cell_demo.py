@@ -129,7 +129,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Demo:
-    """What a demo gave: its figures as lines and as numbers, what to know besides, and the files to look at, the most telling first."""
+    """Results of a demo: its figures as lines and as numbers, what to know besides, and the files to look at, the most telling first."""
 
     lines: tuple[Line, ...]
     figures: Mapping[str, float]
@@ -241,7 +241,7 @@ def _within(report: Callable[[int, int], None], number: int, of: int) -> Callabl
 
 
 class Found(NamedTuple):
-    """What the page shows: run, calibration and trajectory, its distances from the truth and its U95 (n,) [mm], the zone, the robot."""
+    """Contents of the page: run, calibration and trajectory, its distances from the truth and its U95 (n,) [mm], the zone, the robot."""
 
     run: Run
     calibration: Calibration

@@ -22,7 +22,7 @@ from lmeasure.text import message
 
 PULL_MM = 100.0
 HAND_S = 0.5
-"""How long a hand takes for what it is asked to do."""
+"""Time that a hand takes for a request."""
 SPEED_MM_S, TURN_RAD_S = 400.0, 1.0
 REST_S = 0.5
 """Before and behind a motion."""
@@ -33,7 +33,8 @@ HOME = "home"
 
 @dataclass(frozen=True)
 class Built:
-    """How the cell was built: points within off_mm of where the rig says, along each axis, guides within off_deg; the robot takes its poses
+    """Construction of the cell: points within off_mm of where the rig says, along each axis, guides within off_deg; the robot takes its
+    poses
     with standard deviations u_mm and u_deg of each coordinate and about each axis, the same whenever it comes back; exchanged: channels
     whose encoders have changed their places."""
 
@@ -56,7 +57,7 @@ def built_rig(rig: Rig, how: Built, rng: np.random.Generator) -> Rig:
 
 
 class PlayedCell:
-    """What the counters of one pass of a cell show, row by row, while it is played with.
+    """Counts of one pass of a cell, row by row, while it is played with.
 
     home (7,): where the robot stands, and where counters are zeroed. poses: those that it can be sent to; commands: a list of commands as
     `program` writes it, which are the motion then. GeometryError where a cable cannot run at home, LMeasureError for a motion that cannot
@@ -125,7 +126,7 @@ class PlayedCell:
         return out
 
     def do(self, text: str) -> str:
-        """What a line asks for, behind what is still being done; what is said to that. LMeasureError for what it cannot do."""
+        """Return what a line asks for, behind what is still being done; what is said to that. LMeasureError for what it cannot do."""
         word, _, rest = text.strip().partition(" ")
         name, _, much = rest.strip().rpartition(" ") if word in ("pull", "swing") and " " in rest.strip() else (rest.strip(), "", "")
         if word == "pull":

@@ -68,8 +68,8 @@ class Held:
 
 @dataclass(frozen=True)
 class RobotDemo:
-    """What the demo gave: every characteristic beside its truth, what correction made of the robot, and the files to look at, the most
-    telling first. loop: None where it was left out."""
+    """Results of the demo: every characteristic beside its truth, the effect of the correction on the robot, and the files to look at, the
+    most telling first. loop: None where it was left out."""
 
     held: tuple[Held, ...]
     loop: Loop | None

@@ -62,8 +62,8 @@ STANDS = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class Retest:
-    """What is measured again: the plan of it, how it is certified, how long the robot rests before its poses count, and how densely its
-    motion is made."""
+    """Plan of the second measurement: the plan of it, how it is certified, how long the robot rests before its poses count, and how
+    densely its motion is made."""
 
     plan: Campaign
     settings: CertificationSettings
@@ -73,7 +73,7 @@ class Retest:
 
 @dataclass(frozen=True)
 class Loop:
-    """What came of it. true_mm: mean distance of where the robot stood from the commanded poses, before and after, as a simulation alone
+    """Results. true_mm: mean distance of where the robot stood from the commanded poses, before and after, as a simulation alone
     knows it; look: the files to look at."""
 
     identified: Judged
@@ -172,7 +172,7 @@ def _compared(out: Path, judged: Judged, corrected: Corrected, true_mm: tuple[fl
 
 
 def _logged(robot: SimulatedRobot, done: Performance) -> dict[str, object]:
-    """What the controller says of each rest: its name, the time in its middle, and the joint values it was sent to."""
+    """Return what the controller says of each rest: its name, the time in its middle, and the joint values it was sent to."""
     joints = robot.nominal.follow(done.commanded, robot.rest)
     middle = [0.5 * (span.arrival_s + span.end_s) for span in done.spans]
     rows = joints[np.searchsorted(done.time_s, middle)]

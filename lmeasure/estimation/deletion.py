@@ -1,4 +1,4 @@
-"""What groups of residuals say about each other: deletion residuals, and tests of what may be wrong together (Baarda's data snooping; Cook
+"""Comparison of groups of residuals: deletion residuals, and tests of groups that may be wrong together (Baarda's data snooping; Cook
 and Weisberg, Residuals and Influence in Regression, 1982).
 
 All of it from one matrix, P = V^-1 - V^-1 J (J^T V^-1 J)^-1 J^T V^-1 with J the Jacobian in the directions the data determine: P r are the
@@ -24,8 +24,8 @@ UNTOLD = 1e10  # times less than they say by themselves the rest must leave of r
 
 @dataclass(frozen=True)
 class Shift:
-    """What all others say about residuals that may be wrong together: square of their joint misfit in units of its covariance, chi-squared
-    with freedom degrees."""
+    """Prediction by all others of residuals that may be wrong together: square of their joint misfit in units of its covariance,
+    chi-squared with freedom degrees."""
 
     square: float
     freedom: int
@@ -41,7 +41,7 @@ def fall_test(fall: float, freedom: float, rest: float, left: float) -> tuple[fl
 
 
 class Remainder:
-    """What is left of residuals r (e,) by weights P (e, e) that leave nothing of what has been fitted: of chi-squared r' P r with freedom
+    """Remainder of residuals r (e,) by weights P (e, e) that leave nothing of what has been fitted: of chi-squared r' P r with freedom
     degrees of freedom."""
 
     def __init__(self, weights: FloatArray, residuals: FloatArray, freedom: int) -> None:
@@ -93,7 +93,7 @@ class Remainder:
         return np.asarray(seen @ W), np.asarray(W.T @ (unit.T @ self._seen))
 
     def step(self, column: FloatArray) -> tuple[float, float] | None:
-        """What would have to be taken from residuals along a column (e,), and by how much chi-squared would fall; None where
+        """Return what would have to be taken from residuals along a column (e,), and by how much chi-squared would fall; None where
         nothing tells."""
         stiffness, pull = float(column @ self._P @ column), float(column @ self._seen)
         if stiffness < 1e-9 * float(np.trace(self._P)):

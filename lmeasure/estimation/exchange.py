@@ -126,7 +126,7 @@ def _times(blocks: FloatArray, matrix: FloatArray) -> FloatArray:
 
 
 class Candidates(Protocol):
-    """What could be measured, each by its coordinates (d,)."""
+    """Candidates for measurement, each by its coordinates (d,)."""
 
     @property
     def pool(self) -> FloatArray:
@@ -251,7 +251,7 @@ def _swept(design: Design[C], criterion: Criterion, near: bool) -> Design[C]:
 
 
 def _around(design: Design[C]) -> list[tuple[FloatArray, FloatArray]]:
-    """What lies beside each point (n, d), with its blocks (n, m, q)."""
+    """Return what lies beside each point (n, d), with its blocks (n, m, q)."""
     space = design.candidates
     beside = space.beside(design.points)
     determined = space.blocks(np.concatenate(beside))
@@ -259,7 +259,7 @@ def _around(design: Design[C]) -> list[tuple[FloatArray, FloatArray]]:
 
 
 def _hung(design: Design[C], criterion: Criterion, near: bool, rng: np.random.Generator) -> Design[C]:
-    """What all points hang on against others: all equations are formed anew for each."""
+    """Return what all points hang on against others: all equations are formed anew for each."""
     best, value = design, criterion.value(design.information)
     for other, blocks in design.candidates.others(design.points, near, rng):
         moved = replace(design, candidates=other, blocks=blocks)

@@ -62,7 +62,7 @@ class Explanation:
 
     @property
     def key(self) -> Key:
-        """What it differs from others by."""
+        """Return what it differs from others by."""
         return self.name, self.label
 
 
@@ -70,7 +70,7 @@ P = TypeVar("P", bound=Problem)
 
 
 class Alternatives(Protocol[P]):
-    """How else a problem may be: what its maker can think of."""
+    """Alternatives to a problem that its maker can state."""
 
     def errors(self, problem: P, theta: FloatArray) -> list[Explanation]:
         """Explanations that are errors, beyond what is stated."""
@@ -107,7 +107,7 @@ def improbable(found: Fit, chance: float = CHANCE) -> bool:
 
 
 def explained(state: Explained[P], alternatives: Alternatives[P]) -> Explained[P]:
-    """What explains the residuals best beside what is taken already, one thing after another."""
+    """Return what explains the residuals best beside what is taken already, one thing after another."""
     begun = state.problem
     for _ in range(MOST_TAKEN):
         gains = _gains(state, alternatives)
@@ -138,14 +138,14 @@ def embedded(problem: Problem, theta: FloatArray, wider: Problem) -> FloatArray:
 
 
 def evidence(found: Fit, V: FloatArray) -> "Evidence":
-    """What is judged under a covariance V of the residuals; nominal values that decide are as uncertain as they say."""
+    """Return what is judged under a covariance V of the residuals; nominal values that decide are as uncertain as they say."""
     silent = found.undetermined
     return Evidence(found.residuals, found.determined, V + silent @ silent.T)
 
 
 @dataclass(frozen=True)
 class _Gain:
-    """What an explanation of a size gains beside those taken."""
+    """Gain of an explanation of a size beside those taken."""
 
     explanation: Explanation
     size: float
@@ -157,7 +157,7 @@ def _needed(state: Explained[P]) -> float:
 
 
 def _gains(state: Explained[P], alternatives: Alternatives[P]) -> list[_Gain]:
-    """What each explanation that is not taken already gains."""
+    """Return what each explanation that is not taken already gains."""
     problem, theta = state.problem, state.fit.theta
     every = [x for x in alternatives.errors(problem, theta) if x.key not in state.sizes]
     for group in alternatives.values:

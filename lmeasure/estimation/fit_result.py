@@ -54,7 +54,7 @@ class Fit:
 
     @property
     def rank(self) -> int:
-        """How many unknowns the data determine, nuisance parameters among them."""
+        """Return how many unknowns the data determine, nuisance parameters among them."""
         return int(self.known.sum()) + len(self.theta) - len(self.known)
 
     @property
@@ -117,7 +117,7 @@ def gains(s: FloatArray, known: BoolArray, prior_everywhere: bool) -> tuple[Floa
 
 
 def untaken(problem: Problem, V: FloatArray) -> float:
-    """How many residuals a robust loss has taken back, less the nuisance parameters that go with them."""
+    """Return how many residuals a robust loss has taken back, less the nuisance parameters that go with them."""
     taken = problem.taken_back
     if taken is None:
         return 0.0

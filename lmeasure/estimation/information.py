@@ -1,4 +1,4 @@
-"""What measurements yet to be made would tell: information matrices as sums over them.
+"""Information of future measurements: information matrices as sums over them.
 
 With V the covariance of all residuals, V = D + K K^T, D a block per measurement and K what they share (where an instrument was zeroed), the
 shared errors are unknowns eta of their own with a unit normal as prior, and the information of all is a sum over the measurements,

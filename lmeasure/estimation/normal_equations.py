@@ -18,7 +18,7 @@ L = TypeVar("L")
 
 
 class Blockwise(Protocol[L]):
-    """What is to be estimated: changes theta (p,) of parameters, with normal priors about nothing of standard uncertainties width (p,)."""
+    """Unknowns: changes theta (p,) of parameters, with normal priors about nothing of standard uncertainties width (p,)."""
 
     @property
     def width(self) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What residuals do not tell: directions of which only priors speak, chosen so that they can be put in words.
+"""Unobservable directions of residuals: those of which only priors speak, chosen so that they can be put in words.
 
 Their subspace, k orthonormal directions of p parameters in prior widths as rows (k, p), has no preferred basis. Two are offered: by the
 owners of parameters, of which each may have directions of its own, and by as few parameters as can be.
@@ -62,7 +62,7 @@ def by_owner(parameters: Parameters, silent: FloatArray) -> list[Direction]:
 
 
 def _strongest(parameters: Parameters, owner: str, silent: FloatArray) -> tuple[float, str, FloatArray]:
-    """How much of a direction of an owner alone lies in a subspace, at most: 1 where it does; the owner, and that direction (p,)."""
+    """Return how much of a direction of an owner alone lies in a subspace, at most: 1 where it does; the owner, and that direction (p,)."""
     own, weight = parameters.of(owner), np.zeros(len(parameters.names))
     values, vectors = np.linalg.eigh(silent[:, own].T @ silent[:, own])
     vector = vectors[:, -1]

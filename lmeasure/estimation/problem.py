@@ -1,4 +1,4 @@
-"""What is to be estimated: parameters that are known a little before, from residuals with a covariance."""
+"""Problem of an estimation: parameters that are known a little before, from residuals with a covariance."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ class Nuisance:
 
     @property
     def blocks(self) -> int:
-        """How many blocks there are."""
+        """Return how many blocks there are."""
         return len(self.names) // self.size if self.size else 0
 
     @cached_property
@@ -121,6 +121,6 @@ class Problem(ABC):
         return np.zeros(e), np.zeros((e, 0))
 
     def untold(self, block: int) -> str:
-        """What is said where the residuals do not tell a block of nuisance parameters wholly."""
+        """Return what is said where the residuals do not tell a block of nuisance parameters wholly."""
         assert self.nuisance is not None
         return f"{self.nuisance.names[block * self.nuisance.size]} and what belongs to it: the residuals do not tell it"

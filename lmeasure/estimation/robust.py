@@ -39,8 +39,8 @@ P = TypeVar("P", bound=Problem)
 
 @dataclass(frozen=True)
 class Group:
-    """What may be wrong together: columns (e, c) by which it shifts the residuals, its own rows, from which its stated variance is taken,
-    and how many members it stands for among all groups."""
+    """Rows that may be wrong together: columns (e, c) by which it shifts the residuals, its own rows, from which its stated variance is
+    taken, and how many members it stands for among all groups."""
 
     columns: FloatArray
     rows: IntArray
@@ -121,7 +121,7 @@ def scatter(freedom: int) -> float:
 
 
 def trust(square: FloatArray, freedom: IntArray, weight: FloatArray, determined: float) -> float:
-    """What a least squares with weighted blocks is worth, in the information that it seems to have: 1.04 where nothing is wrong.
+    """Return what a least squares with weighted blocks is worth, in the information that it seems to have: 1.04 where nothing is wrong.
 
     square (n,): d^2 of every block with m components, freedom (n,), of which weight (n,) follows; determined: how many unknowns they
     determine. The sandwich of an equation sum w(d) J' V^-1 r = 0 (Huber and Ronchetti, Robust Statistics, 2009, 6.3 and 7.6) is, with means

@@ -33,7 +33,7 @@ _item = sa.Table(
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of an item.
+    """Outcome of an item.
 
     digest: SHA-256 of the command, its options and the bytes of its inputs; sha256: of what it wrote; line: why it failed.
     """

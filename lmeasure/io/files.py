@@ -187,7 +187,7 @@ def read_toml(path: Path) -> Document:
 
 
 def _likely(text: str, error: Exception) -> str:
-    """What people write on the line that an error of TOML names."""
+    """Return what people write on the line that an error of TOML names."""
     found = re.search(r"\(at line (\d+),", str(error))
     line = text.splitlines()[int(found[1]) - 1] if found and int(found[1]) <= len(text.splitlines()) else ""
     comma = re.search(r"=\s*([-+]?\d+),(\d+)\s*(#.*)?$", line)

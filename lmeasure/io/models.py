@@ -52,7 +52,7 @@ _PLAIN = {
 
 _UNITS = ("_m", "_cm", "_um", "_inch", "_in", "_rad", "_deg", "_mm", "_m_s")
 _OWN_WORDS = frozenset(("schema_", "from_point", "to_point", "from_pose", "to_pose", "passage", "passes", "[key]"))
-"""What models call keys that are words of Python, and pydantic's mark of a key of a table that is wrong itself."""
+"""Names in models for keys that are words of Python, and pydantic's mark of a key of a table that is wrong itself."""
 _NAMED_BY = ("name", "channel", "point", "pose", "characteristic", "from")
 """Keys by which a person knows one of several tables."""
 MOST = 20
@@ -82,7 +82,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class ContradictionError(ValueError):
-    """What a validator of a whole table finds: (keys that lead to it from that table, what is wrong with it), several at once."""
+    """Findings of a validator of a whole table: (keys that lead to it from that table, what is wrong with it), several at once."""
 
     def __init__(self, found: Iterable[tuple[Keys, str]]) -> None:
         self.found = tuple(found)
@@ -152,7 +152,7 @@ def gathered(source: str, lines: Sequence[str], error: Callable[[str], LMeasureE
 
 
 def complaints(error: ValidationError, data: Any, root: type[BaseModel]) -> list[tuple[Keys, str]]:
-    """What pydantic complains of, as (keys as the file writes them, what is wrong there)."""
+    """Return what pydantic complains of, as (keys as the file writes them, what is wrong there)."""
     out: list[tuple[Keys, str]] = []
     hinted: set[Keys] = set()
     seen: set[Keys] = set()

@@ -30,7 +30,7 @@ LARGEST_NAME = 255
 LOCAL_HEADER = 30  # bytes before the name of an entry
 PIECE = 1 << 20
 _NO_NAME = re.compile(r'[\x00-\x1f\x7f\\:*?"<>|]')
-"""What no name of an entry has, on any system."""
+"""Characters that no name of an entry has, on any system."""
 
 
 _KNOWN = {
@@ -72,7 +72,7 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def no_folder(path: Path, holds: str) -> str:
-    """What to say behind that a path is no folder of a kind: it is not there, or a file of one that holds such a file, or something
+    """Return what to say behind that a path is no folder of a kind: it is not there, or a file of one that holds such a file, or something
     else."""
     if not path.exists():
         return message("os.no_folder")

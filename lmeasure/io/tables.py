@@ -46,7 +46,7 @@ def _shown(cell: str) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """What another library says, as one short line of printable text."""
+    """Return what another library says, as one short line of printable text."""
     text = " ".join("".join(c if c.isprintable() or c.isspace() else "?" for c in str(error)).split())
     return text if len(text) <= 200 else text[:200] + "..."
 
@@ -303,7 +303,7 @@ def read_table(path: Path, *, torn: bool = False, only: Sequence[str] | None = N
 
 
 def _separator(raw: bytes) -> str:
-    """What stands between the columns, by the header."""
+    """Return what stands between the columns, by the header."""
     head = raw.lstrip().partition(b"\n")[0]
     return next((mark for mark in (",", ";", "\t") if mark.encode() in head), ",")
 

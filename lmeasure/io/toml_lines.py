@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any
 
 Keys = tuple[int | str, ...]
-"""What leads to a value of a document: keys of tables, numbers of elements from 0."""
+"""Path to a value of a document: keys of tables, numbers of elements from 0."""
 
 MOST_READ = 20_000
 """Attempts after which keys that follow have no line: a statement of n lines takes n."""

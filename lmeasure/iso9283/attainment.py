@@ -1,4 +1,4 @@
-"""What a trajectory holds of a program: its poses and paths as attained, at one point of the tool and in one frame."""
+"""Attained parts of a program in a trajectory: its poses and paths as attained, at one point of the tool and in one frame."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""What a test of ISO 9283 is to the evaluation: a subject of the program with everything that belongs to its test.
+"""Test of ISO 9283 for the evaluation: a subject of the program with everything that belongs to its test.
 
 A test module holds one class, a function from what was attained to its tests, and its `Clause`, which states what is known of its
 quantities before they are measured. Most figures are functions of the states of parts, whose errors are drawn for all tests together
@@ -54,7 +54,7 @@ class IsoTest:
         return np.empty(0, dtype=np.int64)
 
     def parts(self, errors: SampleErrors) -> dict[Subject, Part]:
-        """What its figures are functions of, with errors by one law."""
+        """Return what its figures are functions of, with errors by one law."""
         return {}
 
     def excludable(self, errors: SampleErrors) -> PoseErrors | None:
@@ -73,7 +73,7 @@ class IsoTest:
 
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
-    """What all characteristics of one symbol have in common.
+    """Properties that all characteristics of one symbol share.
 
     Parameters
     ----------

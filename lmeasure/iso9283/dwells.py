@@ -46,7 +46,7 @@ def with_windows(trajectory: Trajectory, program: Program, frame: Frame, still_m
 
 
 def _reach(program: Program) -> float:
-    """How far from a commanded pose a rest may lie and still belong to it [mm]."""
+    """Return how far from a commanded pose a rest may lie and still belong to it [mm]."""
     places = np.array([p.position_mm for p in program.pose]).reshape(-1, 3)
     apart = [float(np.linalg.norm(a - b)) for a, b in itertools.combinations(places, 2)]
     return min([FARTHEST_MM, *(NEAR * d for d in apart if d > 0)])

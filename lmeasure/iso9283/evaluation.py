@@ -196,7 +196,7 @@ class Excluded:
 
 @dataclass(frozen=True)
 class AttainedPath:
-    """How a path was run: commanded (m, 3) points [mm] at arc (m,) [mm], where the planes stand; attained (n, m, 3) crossings
+    """Run of a path: commanded (m, 3) points [mm] at arc (m,) [mm], where the planes stand; attained (n, m, 3) crossings
     [mm] of n cycles, deviation (n, m) their distance from the commanded points, speed (n, m - 1) between the planes [mm/s]; unseen: the
     first part of the way on which a cycle has no samples, in words."""
 
@@ -244,7 +244,7 @@ class Evaluation(Shown):
     how they correlate."""
 
     def about(self) -> dict[str, str]:
-        """How many characteristics, of how many the instrument is capable."""
+        """Return how many characteristics, of how many the instrument is capable."""
         capable = sum(c.capable for c in self.characteristics)
         return {"characteristics": str(len(self.characteristics)), "capable": str(capable), "u95 covers": str(self.covers)}
 

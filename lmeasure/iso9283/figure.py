@@ -13,7 +13,7 @@ AXES = ("x", "y", "z")
 
 
 class Subject(NamedTuple):
-    """What of a program a test, its states or an exclusion are of: a pose, a path, a corner of it by number."""
+    """Part of a program that a test, its states or an exclusion are of: a pose, a path, a corner of it by number."""
 
     kind: Literal["pose", "path", "corner", "weave", "distance", "compliance", "settling", "posing", "stabilisation"]
     name: str
@@ -30,7 +30,7 @@ Function = Callable[[States], FloatArray]
 
 
 class OfInstants(NamedTuple):
-    """What the uncertainty of the samples' instants adds to a figure: an independent standard uncertainty, and a bias of known sign."""
+    """Contribution of the samples' uncertain instants to a result: an independent standard uncertainty, and a bias of known sign."""
 
     u: float
     bias: float = 0.0
@@ -58,7 +58,7 @@ class Figure:
 
 @dataclass(frozen=True, kw_only=True)
 class Maker:
-    """What figures of one part have in common, see `Figure`; pose, path and part as in their keys."""
+    """Common properties of the results of one part, see `Figure`; pose, path and part as in their keys."""
 
     cycles: int
     needs: tuple[Subject, ...]

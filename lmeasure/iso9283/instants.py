@@ -1,4 +1,4 @@
-"""What the uncertainty of the samples' instants adds to figures of speeds and times; places and shapes do not feel it."""
+"""Contribution of the samples' uncertain instants to results of speeds and times; places and shapes do not feel it."""
 
 from dataclasses import replace
 from typing import Any

@@ -131,7 +131,7 @@ class Finer:
 
 @dataclass(frozen=True)
 class Reading:
-    """How figures are read from cycles: `of` makes them (..., q) of times (F,) [s] and vectors (..., F, 3) [mm], one from each place of a
+    """Reading of results from cycles: `of` makes them (..., q) of times (F,) [s] and vectors (..., F, 3) [mm], one from each place of a
     stretch to where the robot is, whose sizes (..., F) are held against a limit [mm].
 
     never (q,): what counts where the limit is not reached, in a draw or by every other sample. largest: whether the largest size is a
@@ -204,7 +204,7 @@ def distance(vectors: FloatArray) -> FloatArray:
 
 
 def longest_s(cycles: Sequence[Stretch]) -> float:
-    """How long [s] the longest of cycles lasts."""
+    """Return how long [s] the longest of cycles lasts."""
     return max(float(s.time_s[-1] - s.time_s[0]) for s in cycles)
 
 
@@ -239,7 +239,7 @@ class Motion:
         return Stretch(np.arange(part.start, part.stop), self.trajectory.time_s[part], poses, places)
 
     def read(self, cycles: Sequence[Stretch], reading: Reading) -> Reported:
-        """What a reading tells of cycles."""
+        """Return what a reading tells of cycles."""
         values, halves, quarters, found = [], [], [], []
         # of each place by each law, at all cycles
         laws = [

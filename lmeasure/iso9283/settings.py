@@ -1,4 +1,4 @@
-"""What of an evaluation can be chosen."""
+"""Settings of an evaluation."""
 
 import math
 from dataclasses import dataclass

@@ -54,7 +54,7 @@ class Part(Protocol):
 
 @dataclass(frozen=True)
 class Spread:
-    """What is known of a figure's error: by Monte Carlo u95, its mean bias, u95_corrected without this, and standard deviation u_drawn; by
+    """Uncertainty of a result: by Monte Carlo u95, its mean bias, u95_corrected without this, and standard deviation u_drawn; by
     the linear law the budget and derivatives sensitivities (T,) along all independent errors."""
 
     u95: float
@@ -116,7 +116,7 @@ def drawn_errors(e: PoseErrors, rng: np.random.Generator, common: FloatArray) ->
 
 
 Moving = Callable[[dict[Subject, FloatArray]], dict[Subject, FloatArray]]
-"""What a fitted frame does to the errors of all parts."""
+"""Effect of a fitted frame on the errors of all parts."""
 
 
 def propagate(
@@ -183,7 +183,7 @@ def propagate(
 
 
 class _Kind(NamedTuple):
-    """What an independent error is: its source, its distribution, and whether another run draws it anew."""
+    """Kind of an independent error: its source, its distribution, and whether another run draws it anew."""
 
     source: ErrorSource
     law: Literal["normal", "rectangular"]

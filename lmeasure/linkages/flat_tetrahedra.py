@@ -49,7 +49,7 @@ class Band:
 
     @property
     def sharp(self) -> float:
-        """How far the proved numbers are apart at most [mm]."""
+        """Return how far the proved numbers are apart at most [mm]."""
         return max(self.low[1] - self.low[0], self.high[1] - self.high[0])
 
 

@@ -113,7 +113,7 @@ class Proved:
 
 
 def proved(rows: ComplexArray, points: ComplexArray, exact: ExactLinks | None = None) -> Proved:
-    """What is true of points (n, 8) near assemblies of links with real dimensions (6, 7).
+    """Return what is true of points (n, 8) near assemblies of links with real dimensions (6, 7).
 
     The rows need only be what `study.links` makes of coordinates that were moved and scaled: each of these operations is exact up to a
     rounding of its result. exact: the same links in whole numbers, for points that double precision proves nothing of.

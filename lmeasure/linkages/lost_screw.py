@@ -1,4 +1,4 @@
-"""What links still tell where they do not tell the pose: the screw that is lost, and the part of a motion that is determined.
+"""Information of links that do not determine the pose: the screw that is lost, and the part of a motion that is determined.
 
 At a singular pose the rows have a twist that changes no length: the screw that is lost. Any twist is a multiple of it and a part that the
 lengths do determine (thesis 4.5, 4.6: the twist reciprocal to all rows, and the twists orthogonal to it, a turn counted by what it moves
@@ -30,7 +30,7 @@ class Screw:
 
     @property
     def said(self) -> Message:
-        """What is said of it."""
+        """Return what is said of it."""
         along = tuple(float(x) for x in self.direction)
         if np.isinf(self.pitch_mm):
             return message("screw.shift", along=along)

@@ -108,7 +108,7 @@ def moved(poses: FloatArray, twists: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Hold:
-    """How well links hold a body, turns counted at its rim.
+    """Quality of a body's hold by links, turns counted at its rim.
 
     rank of the rows; condition: of the rows, infinite where they do not hold it; mm_per_mm: the largest motion of the rim by lengths
     that are off by 1 mm together, a number that a user can judge by where a determinant depends on units.
@@ -120,7 +120,7 @@ class Hold:
 
 
 def hold(base: FloatArray, body: FloatArray, pose: FloatArray) -> Hold:
-    """How well links hold the body at a pose (7,)."""
+    """Return how well links hold the body at a pose (7,)."""
     M, _, points = link_rows(base, body, pose)
     # about the middle of the points, so that it does not matter where the base frame is
     arms = points - points.mean(axis=0)
@@ -134,7 +134,7 @@ def hold(base: FloatArray, body: FloatArray, pose: FloatArray) -> Hold:
 
 @dataclass(frozen=True)
 class Neighbourhood:
-    """What lies around a singular pose, in displacements of the body's origin (`core.se3.displaced`): turns about it, shifts of it
+    """Neighbourhood of a singular pose, in displacements of the body's origin (`core.se3.displaced`): turns about it, shifts of it
     (thesis 4.6).
 
     gradient (6,) of the determinant, as `gradients`; twists (5, 6) or (6, 6), of the base frame: each leads to singular poses to first

@@ -51,7 +51,7 @@ def _kept() -> dict[str, np.ndarray]:
 
 
 def complex_assemblies(structure: Structure) -> int:
-    """How many complex assemblies a rig of this structure has when no dimension is special; 0 where it cannot determine a pose."""
+    """Return how many complex assemblies a rig of this structure has when no dimension is special; 0 where it cannot determine a pose."""
     if structure.degenerate is not None:
         return 0
     return int(_kept()["counts"][of_its_own().index(one_of_two(structure))])

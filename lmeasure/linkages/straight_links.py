@@ -33,7 +33,7 @@ class Assemblies:
     certified: BoolArray
     """(k,) whether it is proved that exactly one assembly is there."""
     complex_found: int
-    """How many different assemblies are proved, real and complex."""
+    """Number of different assembly modes that are proved, real and complex."""
     complex_expected: int
     """How many there are of lengths that are not special: of the structure's, or fewer where the points are."""
 

@@ -25,7 +25,8 @@ from lmeasure.text import composed, message
 
 LINKS = 6
 DEGREES = ((3, 2, 1), (2, 2, 2), (3, 1, 1, 1), (2, 2, 1, 1), (2, 1, 1, 1, 1), (1, 1, 1, 1, 1, 1))
-"""How six links may meet on one side: in three to six points, at most three in one, for a fourth would only repeat what three say."""
+"""Ways in which six links may meet on one side: in three to six points, at most three in one, for a fourth would only repeat what three
+say."""
 CLOSED_FORM_ASSEMBLIES = 8  # Complex assemblies of every structure that tetrahedra solve: three corners, each on either side of a plane
 
 Links = tuple[tuple[int, int], ...]

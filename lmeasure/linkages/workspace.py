@@ -313,7 +313,7 @@ def _around(
 def _at_radius(
     bounds: Bounds, plane: Slice, place: FloatArray, tangent: FloatArray, way: float, radius: float
 ) -> tuple[FloatArray | None, FloatArray, int]:
-    """What `_around` looks for at one radius; no place where none is found."""
+    """Return what `_around` looks for at one radius; no place where none is found."""
     back = float(np.arctan2(-tangent[1], -tangent[0]))
     angles = back - way * 2.0 * np.pi * (np.arange(LOOK) + 0.5) / LOOK
     inside = bounds.inside(plane.poses(place + radius * np.column_stack([np.cos(angles), np.sin(angles)])))

@@ -1,4 +1,4 @@
-"""What you do at the instrument: capture reference poses, check it between calibrations."""
+"""Procedures at the instrument: capture reference poses, check it between calibrations."""
 
 import lazy_loader
 

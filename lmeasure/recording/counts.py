@@ -313,7 +313,7 @@ class _Pieces:
 
 
 class WidthEvidence(_Pieces):
-    """What the recorded counts of a channel, given in pieces, tell of the width of its counter."""
+    """Evidence of a channel's recorded counts, given in pieces, about the width of its counter."""
 
     def __init__(self, max_rate: float) -> None:
         self._rate = max_rate
@@ -343,7 +343,7 @@ class WidthEvidence(_Pieces):
 
 
 class RateEvidence(_Pieces):
-    """What the recorded counts of a channel, given in pieces, tell of how fast it goes: max_rate [1/s] bounds it, the counter has `full`
+    """Evidence of a channel's recorded counts, given in pieces, about its speed: max_rate [1/s] bounds it, the counter has `full`
     values. Steps are taken the shorter way round: a drum that goes half its range from sample to sample has gone a quarter before."""
 
     def __init__(self, max_rate: float, full: float) -> None:

@@ -25,7 +25,7 @@ STATED = (
     *((f"u_{axis}", "mm") for axis in PLACES),
     *((f"u_r{axis}", "deg") for axis in PLACES),
 )
-"""What may be stated beside a pose, by name and unit."""
+"""Columns that may be stated beside a pose, by name and unit."""
 
 
 def read_pose_table(
@@ -108,7 +108,7 @@ class Poses(Shown):
         return len(self.names)
 
     def about(self) -> dict[str, str]:
-        """How many, and how well they are known."""
+        """Return how many, and how well they are known."""
         stated = (("position", self.u_position_mm, "mm"), ("rotation", self.u_rotation_rad, "rad"))
         return {"poses": str(len(self)) if self.oriented else f"{len(self)}, positions only"} | {
             f"u of {name}": "not stated" if name in self.absent else f"{u.max(initial=0.0):.3g} {unit}" for name, u, unit in stated

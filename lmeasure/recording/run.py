@@ -60,7 +60,7 @@ HARMLESS = ("duplicate", "duplicate_sync", "reordered", "wrap", "stamp", "clock_
 
 @dataclass(frozen=True)
 class Recorded:
-    """How one pass was recorded.
+    """Recording conditions of one pass.
 
     early: the recording broke off, why says for what reason; faults: how many of each kind; closure_counts: by channel, the mean of the
     last rest less that of the first, as the recorder saw it; sha256: digests of files that the recorder wrote, by name.
@@ -74,7 +74,7 @@ class Recorded:
     sha256: Mapping[str, str] = field(default_factory=dict)
 
     def notes(self) -> list[Message]:
-        """What a reader of poses must know."""
+        """Return what a reader of poses must know."""
         out = []
         if self.early:
             early = {"number": self.passage}
@@ -103,7 +103,7 @@ def recording_at(path: Path) -> bool:
 
 
 class RecordedTable(Strict):
-    """What `record` and `import` write of a pass, as far as it is read again."""
+    """Entry of `record` and `import` for a pass, as far as it is read again."""
 
     model_config = ConfigDict(extra="ignore")
     passage: Annotated[int | None, Field(alias="pass")] = None
@@ -115,7 +115,7 @@ class RecordedTable(Strict):
     frames: Any = None
 
     def recorded(self, number: int) -> Recorded:
-        """How the pass was recorded; number: of the table, which is the pass's where it states none."""
+        """Return how the pass was recorded; number: of the table, which is the pass's where it states none."""
         # an import's digests are of logs that lie elsewhere, perhaps under the name of its counts
         digests = {} if self.frames is None else self.sha256
         return Recorded(self.passage or number, self.ended == "early", self.why, self.faults, self.closure_counts, digests)
@@ -140,7 +140,7 @@ def check_digests(recorded: tuple[Recorded, ...], counts: Mapping[str, Path], pa
 
 
 def notes_of(recorded: tuple[Recorded, ...]) -> tuple[Message, ...]:
-    """What a reader of poses must know of the recording."""
+    """Return what a reader of poses must know of the recording."""
     return tuple(note for entry in recorded for note in entry.notes())
 
 

@@ -1,4 +1,4 @@
-"""What a register keeps of a document: its kind, digest, subject, date, results, and the documents it was made with."""
+"""Entry of a register for a document: its kind, digest, subject, date, results, and the documents it was made with."""
 
 import datetime
 import hashlib

@@ -68,8 +68,8 @@ PRINTERS = {
 
 @dataclass(frozen=True)
 class Choices:
-    """How a certificate is written: language; key to sign it with; dcc, and the XSD it must keep to; a zip of it beside the folder; force:
-    replace an earlier certificate; tables: a workbook, a .csv and a .mat file too."""
+    """Choices for writing a certificate: language; key to sign it with; dcc, and the XSD it must keep to; a zip of it beside the folder;
+    force: replace an earlier certificate; tables: a workbook, a .csv and a .mat file too."""
 
     language: str = "en"
     key: Path | None = None

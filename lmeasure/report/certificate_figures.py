@@ -42,7 +42,7 @@ def _name(value: object) -> str:
 
 
 def _group(value: object) -> str:
-    """What traces of one pose or path have in common."""
+    """Return what traces of one pose or path have in common."""
     return html.label(say.visible(value))
 
 

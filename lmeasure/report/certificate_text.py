@@ -1,4 +1,4 @@
-"""What a certificate says, as texts and tables in its language: the same for paper and for the screen. No arithmetic but rounding."""
+"""Contents of a certificate, as texts and tables in its language: the same for paper and for the screen. No arithmetic but rounding."""
 
 import datetime
 import math
@@ -128,7 +128,7 @@ def _conditions(language: str, conditions: dict[str, Any]) -> str | None:
 
 
 def part_of(language: str, figure: Mapping[str, Any]) -> str:
-    """What of a pose or path a figure is of, such as a corner; empty where it is of the whole."""
+    """Return what of a pose or path a figure is of, such as a corner; empty where it is of the whole."""
     part = str(figure.get("part") or "")
     corner = part.removeprefix("corner ")
     return word(language, "part.corner", number=corner) if corner != part and corner.isdecimal() else visible(part)
@@ -376,7 +376,7 @@ def excluded(certificate: dict[str, Any]) -> Rows:
 
 
 def uncertainty(certificate: dict[str, Any]) -> list[str]:
-    """What U95 and the verdicts mean."""
+    """Return what U95 and the verdicts mean."""
     language, settings = certificate["language"], certificate["settings"]
     covers = phrase(certificate, certificate["uncertainty_covers"])
     out = [
@@ -397,7 +397,7 @@ def uncertainty(certificate: dict[str, Any]) -> list[str]:
 
 
 def notes(certificate: dict[str, Any]) -> list[str]:
-    """What the reader must know: frame, point, angles, data, and what the computation noted."""
+    """Return what the reader must know: frame, point, angles, data, and what the computation noted."""
     language, settings = certificate["language"], certificate["settings"]
     figures, instrument, span = certificate["characteristics"], certificate["instrument"], certificate["trajectory"]
     frame = certificate["base_from_program"]
@@ -531,7 +531,7 @@ def correlations(certificate: dict[str, Any]) -> tuple[tuple[str, ...], Rows]:
 
 
 def statements(certificate: dict[str, Any]) -> list[str]:
-    """What must stand on every report."""
+    """Return what must stand on every report."""
     language = certificate["language"]
     out = [word(language, "only_item"), word(language, "in_full")]
     return out if "accreditation" in certificate["details"] else [*out, word(language, "not_accredited")]

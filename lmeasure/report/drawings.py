@@ -148,11 +148,11 @@ def _axes(origin: FloatArray) -> str:
 
 
 RINGS = {10: 5, 15: 3, 20: 4, 30: 3, 40: 4, 50: 5, 60: 3, 80: 4}
-"""How many rings a target has by the first two digits of its radius, so that they are round numbers apart."""
+"""Number of rings of a target by the first two digits of its radius, so that they are round numbers apart."""
 
 
 def ring_step(radius: float) -> float:
-    """How far apart [mm] the rings of a target are whose radius is `round_scale` of something."""
+    """Return how far apart [mm] the rings of a target are whose radius is `round_scale` of something."""
     leading = radius / 10.0 ** np.floor(np.log10(radius) + 1e-9)
     return radius / RINGS[round(10.0 * leading)]
 

@@ -32,7 +32,7 @@ _SECOND, _DAY = 1000, 86_400_000
 _STEPS = ((_SECOND, "%H:%M:%S.%L"), (60 * _SECOND, "%H:%M:%S"), (_DAY, "%H:%M"), ("M1", "{day}"), ("M12", "%b"), (None, "%Y"))
 """How times are written at an axis whose marks lie less than so far apart, in milliseconds or months."""
 _BENEATH = {"%H:%M": "{day} %Y", "{day}": "%Y", "%b": "%Y"}
-"""What is written once below the first of them, and wherever it changes."""
+"""Text that is written once below the first of them, and wherever it changes."""
 _DAYS = {"en": "%b %-d", "ru": "%-d %b"}
 
 
@@ -194,7 +194,7 @@ def _high(drawing: go.Figure) -> float:
 
 
 def _high_flat(drawing: go.Figure) -> float:
-    """How high a drawing of one scale is between its margins on a telephone, in hundredths of the window's width."""
+    """Return how high a drawing of one scale is between its margins on a telephone, in hundredths of the window's width."""
     across, up = (np.concatenate([np.ravel(np.array(trace[axis], dtype=np.float64)) for trace in drawing.data]) for axis in "xy")
     wide, high = float(np.nanmax(across) - np.nanmin(across)), float(np.nanmax(up) - np.nanmin(up))
     return FLAT_WIDE * high / wide if wide > 0.0 else MOST_HIGH

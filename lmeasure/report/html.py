@@ -45,7 +45,7 @@ def assumed_numbers(lines: Iterable[object], say: Say) -> tuple[Number, ...]:
 
 @dataclass(frozen=True)
 class Step:
-    """What to do next, and the command to copy for it."""
+    """Next step, and the command to copy for it."""
 
     text: str
     command: str = ""
@@ -101,7 +101,7 @@ def kept(value: object) -> Any:
 
 
 def on_paper(content: Any) -> Any:
-    """What a sheet is set from, its texts `joined`; drawings stay as they are."""
+    """Return what a sheet is set from, its texts `joined`; drawings stay as they are."""
     if isinstance(content, dict):
         return {key: on_paper(value) for key, value in content.items()}
     if isinstance(content, list | tuple):

@@ -79,7 +79,7 @@ def verdict(found: Checked, language: str) -> str:
 
 
 def cause_text(c: Cause, language: str) -> str:
-    """What may have changed, and by how much."""
+    """Return what may have changed, and by how much."""
     words = texts(language, "interim")
     size, u = (number(language, value, ".2g") for value in (c.size, c.u))
     return words[f"cause.{c.kind}"].format(name=c.name, size=size, u=u, unit=_unit(c, language))

@@ -81,7 +81,7 @@ def _size(name: str, value: float, say: Say) -> str:
 
 
 def limit_words(say: Say = ENGLISH) -> dict[str, str]:
-    """What each limit of a workspace is called."""
+    """Return what each limit of a workspace is called."""
     return {
         "reached": say("mechanism.reach_legs"),
         "joints": say("mechanism.limits_joints"),

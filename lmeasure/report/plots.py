@@ -39,7 +39,7 @@ from lmeasure.text import Say, message
 from lmeasure.trajectory import Trajectory
 
 JSON = "application/vnd.plotly.v1+json"
-"""What front ends that draw plotly's figures by themselves read."""
+"""Type that front ends which draw plotly's figures by themselves read."""
 CONFIG = {"responsive": True, "displaylogo": False}
 
 
@@ -307,4 +307,4 @@ DRAWN: dict[type, Callable[[Any, Rig | None], go.Figure]] = {
     Evaluation: lambda evaluation, rig: _characteristics([c.as_dict() for c in evaluation.characteristics]),
     Certificate: lambda certificate, rig: _characteristics(certificate.content["characteristics"]),
 }
-"""How each noun is drawn."""
+"""Functions that draw each noun."""

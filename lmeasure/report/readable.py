@@ -12,7 +12,7 @@ import pypdfium2
 
 _UNSEEN = {"script", "style"}
 _WITHIN = {"span", "wbr"}
-"""What stands within a word or beside one."""
+"""Characters within a word or beside one."""
 
 
 def pdf_text(content: bytes) -> str:

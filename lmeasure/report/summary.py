@@ -1,4 +1,4 @@
-"""What a reader must know of a certificate at a glance: the figures that matter most, chosen from certificate.json, never computed."""
+"""Summary of a certificate at a glance: the results that matter most, chosen from certificate.json, never computed."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple

@@ -29,7 +29,7 @@ AXES = ("#0072b2", "#d55e00", "#009e73")
 FAULT, LESS = "#c1272d", "#e69f00"
 COLOURS = {"broke": FAULT, "fewer": LESS, "restored": LESS}
 TITLE = 43.0
-"""What a lane stands apart from the one above, with the title between them, in pixels."""
+"""Distance of a lane from the one above, with the title between them, in pixels."""
 
 
 def write_trajectory_page(
@@ -179,7 +179,7 @@ def _restored(s: Stretch) -> bool:
 
 
 def _state(s: Stretch, language: str) -> str:
-    """What the samples of a stretch are, in words."""
+    """Return what the samples of a stretch are, in words."""
     return texts(language, "trajectory")["restored" if _restored(s) else f"status.{WORDS[s.status]}"]
 
 
@@ -234,7 +234,7 @@ def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figu
 
 
 def _mark(s: Stretch) -> str:
-    """How a stretch is marked: a key of its words and of `COLOURS`."""
+    """Return how a stretch is marked: a key of its words and of `COLOURS`."""
     return "restored" if _restored(s) else "fewer" if s.ok else "broke"
 
 

@@ -57,7 +57,7 @@ def maps(zone: "xr.Dataset", rig: Rig, calibration: CalibrationRecord | None, sa
 
 
 def _words(say: Say) -> dict[str, str]:
-    """What the page's script says."""
+    """Return what the page's script says."""
     return {
         "mm": say("zone.mm").replace(" ", "\u00a0"),
         "any": say("zone.any"),
@@ -82,7 +82,7 @@ def thinned(zone: "xr.Dataset") -> "xr.Dataset":
 
 
 def _data(seen: "xr.Dataset", zone: "xr.Dataset", rig: Rig, calibration: CalibrationRecord | None) -> dict[str, Any]:
-    """What the page's script reads; arrays over x, y, z with z fastest, as little-endian floats in base64."""
+    """Return what the page's script reads; arrays over x, y, z with z fastest, as little-endian floats in base64."""
     axes = [seen[name].values.astype(np.float64) for name in "xyz"]
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     turns = zone["quaternion_xyzw"].values

@@ -1,4 +1,4 @@
-"""What a page and a PDF of a zone say: findings in sentences, and tables of texts."""
+"""Texts of a zone's page and PDF: findings in sentences, and tables of texts."""
 
 from typing import Any
 
@@ -106,7 +106,7 @@ def figures(zone: xr.Dataset, found: Extent, say: Say) -> Rows:
 
 
 def _limits(attrs: dict[str, Any], say: Say) -> Rows:
-    """What was asked for beside the pressure angle."""
+    """Return what was asked for beside the pressure angle."""
     rows: Rows = []
     if "limit_length_mm" in attrs:
         low, high = np.asarray(attrs["limit_length_mm"], dtype=np.float64).tolist()
@@ -183,7 +183,7 @@ def reason_words(say: Say) -> dict[str, str]:
 
 
 def rejected(zone: xr.Dataset, say: Say) -> Rows:
-    """How many nodes each reason takes from the zone; a node may have several."""
+    """Return how many nodes each reason takes from the zone; a node may have several."""
     words = reason_words(say)
     total = zone["in_zone"].size
     rows: Rows = [(words[reason], str(n), f"{say.number(100 * n / total, '.1f')} %") for reason, n in reasons(zone).items() if n]

@@ -183,7 +183,7 @@ class CalibrationRecord(Shown, _Record):
     """Ids and values of the texts of this record (`lmeasure.text.table`)."""
 
     def about(self) -> dict[str, str]:
-        """What was solved, how well it fits, what it tells of lengths, what to know."""
+        """Return what was solved, how well it fits, what it tells of lengths, what to know."""
         out = {"rig": self.rig, "parameters": f"{self.unknowns}, rank {self.rank}, from {self.equations} equations"}
         if "residual_rms_mm" in self.noise:
             out["residuals"] = f"{self.noise['residual_rms_mm']:.4g} mm rms"
@@ -410,7 +410,7 @@ def check_linked(rig: Rig, record: CalibrationRecord, rig_path: Path | str, reco
 
 
 def _apart(key: str, a: float, b: float) -> float:
-    """How far two values of a parameter are apart."""
+    """Return how far two values of a parameter are apart."""
     if key in GUIDE:
         return min(abs(math.remainder(value - b, 360.0)) for value in same_direction(key, a))
     return abs(abs(a) - abs(b)) if key in UNSIGNED else abs(a - b)

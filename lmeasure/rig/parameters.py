@@ -21,7 +21,7 @@ from lmeasure.text import message
 
 
 class Owner(StrEnum):
-    """What of a rig a cable's parameter belongs to. Of a drum the observation point's name is the name."""
+    """Part of a rig that a cable's parameter belongs to. Of a drum the observation point's name is the name."""
 
     POINT = "observation point"
     DRUM = "drum"
@@ -63,11 +63,11 @@ class CableParameter:
 
     @property
     def factor(self) -> float:
-        """What the kernels have for one unit: radians of a degree."""
+        """Return what the kernels have for one unit: radians of a degree."""
         return math.radians(1.0) if self.unit == "deg" else 1.0
 
     def name(self, cable: Cable) -> str:
-        """What a calibration record calls it."""
+        """Return what a calibration record calls it."""
         return f"tool.{cable.to_point}.{self.key}" if self.owner is Owner.ATTACHMENT else f"{cable.from_point}.{self.key}"
 
 
@@ -157,14 +157,14 @@ FURTHER = (
         key="backlash_counts", owner=Owner.DRUM, group="backlash", default_u=2.0, assumed_u=20.0, column=None,
     ),
 )  # fmt: skip
-"""What a rig need not have, 0 where it is not given: in the order of `sensors.imperfect_parts`, which has their laws."""
+"""Values that a rig need not have, 0 where it is not given: in the order of `sensors.imperfect_parts`, which has their laws."""
 
 TILT = _pair("swivel_tilt", Owner.POINT, "tilt", u=0.3, suffixes=("alpha", "beta"), unit="deg")
-"""What is added to the guide's angles, whose derivatives are its own; 0 where it is not given."""
+"""Values that are added to the guide's angles, whose derivatives are its own; 0 where it is not given."""
 
 
 ZEROS = ("zero_deg", "zero_mm")
-"""What is found of an absolute sensor, by the name of its channel: the angle or length at count 0."""
+"""Value found of an absolute sensor, by the name of its channel: the angle or length at count 0."""
 EXACT = 1e-9  # Least prior standard uncertainty, of a value that is stated to be exact and solved for all the same
 
 
@@ -184,7 +184,7 @@ _OF_TOOL = tuple(p for p in TABLE if p.owner is Owner.ATTACHMENT)
 _OF_KEY = {p.key: p for p in _OF_POINT}
 
 GROUPS = {g: tuple(p.key for p in (*TABLE, *_SELDOM) if p.group == g) for g in dict.fromkeys(p.group for p in (*TABLE, *_SELDOM))}
-"""What `--solve` names, and the keys of each."""
+"""Names for `--solve`, and the keys of each."""
 PLACE, GUIDE = GROUPS["position"], GROUPS["guide"]
 SCALE = next(i for i, p in enumerate(TABLE) if p.key == "scale")
 """Which of the table is the decoding scale, which the kernels' rows do not have."""

@@ -205,7 +205,7 @@ class Drum(CableOnDrum):
 
     @property
     def speed_per_count(self) -> float:
-        """What a recorded count per second is in mm/s."""
+        """Return what a recorded count per second is in mm/s."""
         return self.count_length_mm / self.scale
 
     @property

@@ -39,7 +39,7 @@ def _one_line(value: str) -> str:
 
 
 Observed = Cable | SensorChannel
-"""What a channel of readings belongs to."""
+"""Owner of a channel of readings."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ class Rig(Shown, Strict):
 
     @property
     def passes(self) -> int:
-        """How many passes of the motion the cables need."""
+        """Return how many passes of the motion the cables need."""
         return max(c.passage for c in self.cable)
 
     @property
@@ -219,7 +219,7 @@ class Rig(Shown, Strict):
         return (*self.cable, *(SensorChannel(s, *end, again=len(ends) > 1) for s, ends in of_sensors for end in ends))
 
     def counter(self, observed: Observed) -> Drum | SensorTable:
-        """What counts a channel."""
+        """Return what counts a channel."""
         return observed.table if isinstance(observed, SensorChannel) else self.point(observed.from_point).drum
 
     def with_sensors(self, changes: Callable[[SensorTable], Mapping[str, Any]]) -> Self:
@@ -228,7 +228,7 @@ class Rig(Shown, Strict):
         return self.model_copy(update=every)
 
     def counters_of(self, passage: int = 1) -> dict[str, Drum | SensorTable]:
-        """What each column of a pass's counts shows."""
+        """Return what each column of a pass's counts shows."""
         return {o.channel: self.counter(o) for o in self.observed if o.passage == passage}
 
     @property

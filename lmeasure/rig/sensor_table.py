@@ -28,7 +28,7 @@ SmallAngle = Annotated[float, Field(ge=0, le=360)]
 
 
 class Instrument(Protocol):
-    """What of a rig its sensors depend on."""
+    """Parts of a rig that its sensors depend on."""
 
     @property
     def tool(self) -> dict[str, tuple[Length, Length, Length]]:
@@ -132,7 +132,7 @@ class SensorTable(Strict):
     zero: ClassVar[str] = "zero_deg"
     """The key of the reading at count 0."""
     motion: ClassVar[str] = ""
-    """What `lmeasure check` asks a person to do so that its reading rises, such as "Move the tool away from the range finder"."""
+    """Request of `lmeasure check` to a person so that its reading rises, such as "Move the tool away from the range finder"."""
     channel: Name
     """Column of the sensor in counts files."""
     count_sign: Annotated[Literal[1, -1], BeforeValidator(whole)] = 1
@@ -161,12 +161,12 @@ class SensorTable(Strict):
 
     @property
     def codes(self) -> int | None:
-        """How many values an absolute one has whose reading comes round; None of others."""
+        """Return how many values an absolute one has whose reading comes round; None of others."""
         return None
 
     @property
     def speed_per_count(self) -> float:
-        """What a recorded count per second is in the unit of `rate_key`."""
+        """Return what a recorded count per second is in the unit of `rate_key`."""
         return self.per_count / self.scale * (1.0 if self.is_length else math.degrees(1.0))
 
     @property
@@ -360,7 +360,7 @@ class AngleSensor(SensorTable):
 
     @property
     def codes(self) -> int | None:
-        """How many values an absolute one has; None of an incremental one."""
+        """Return how many values an absolute one has; None of an incremental one."""
         return self.counts_per_revolution if self.absolute else None
 
 

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from lmeasure.text import Message, message
 
 Unstated = Literal["typical", "exact"]
-"""What a missing `u_...` key means: the typical size below, or 0."""
+"""Meaning of a missing `u_...` key: the typical size below, or 0."""
 
 
 @dataclass(frozen=True)

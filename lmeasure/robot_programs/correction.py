@@ -31,7 +31,7 @@ AS_WRITTEN_DEG = 0.02
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a target. correction: None where no way to it was found or chosen; left: why it stays as it was, empty where it does
+    """Outcome of a target. correction: None where no way to it was found or chosen; left: why it stays as it was, empty where it does
     not; u95_mm: radius about the wanted place that holds 95 % of where the corrected robot goes, what clipping leaves added; u_mm: standard
     uncertainty of that by identification alone, all coordinates together."""
 
@@ -52,7 +52,7 @@ class Corrected(Shown):
     texts: tuple[str, ...]
 
     def about(self) -> dict[str, str]:
-        """How many targets are corrected, by how much, and how well the robot goes there."""
+        """Return how many targets are corrected, by how much, and how well the robot goes there."""
         out = {"targets": f"{len(self.outcomes)}, {self.changed} corrected"}
         sizes = [o.correction.size_mm for o in self.done if o.correction is not None]
         return out | ({"largest correction": f"{max(sizes):.3f} mm", "U95": f"{max(o.u95_mm for o in self.done):.3f} mm"} if sizes else {})
@@ -77,7 +77,7 @@ class Corrected(Shown):
 
     @property
     def changed(self) -> int:
-        """How many targets are corrected."""
+        """Return how many targets are corrected."""
         return sum(not o.left for o in self.outcomes)
 
 
@@ -115,7 +115,7 @@ def in_motion_order(listing: Listing) -> list[int]:
 
 @dataclass(frozen=True)
 class Answer:
-    """What is known of a target. at (3,): where the robot goes [mm]; why: reason to leave it, may be empty; numbers: to be written."""
+    """Data of a target. at (3,): where the robot goes [mm]; why: reason to leave it, may be empty; numbers: to be written."""
 
     correction: Correction
     at: FloatArray

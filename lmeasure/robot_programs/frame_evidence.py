@@ -20,7 +20,7 @@ from lmeasure.text import joined, message
 NOMINAL_MM, NOMINAL_PART, NOMINAL_RAD = 10.0, 0.005, np.radians(1.0)
 """By how much a nominal robot may miss its controller's poses, in mm or parts of its reach: several times what arms err by."""
 SINGLE_MM, SINGLE_RAD = 60.0, np.radians(15.0)
-"""What a single hint must be off by to count: typed joint values may be rough."""
+"""Size from which a single hint counts: typed joint values may be rough."""
 NEAR_RAD = np.radians(90.0)
 """From a hint, the farthest that a way to its pose may be."""
 MOST = 60
@@ -53,7 +53,7 @@ class _Compared:
 
     @property
     def apart(self) -> str:
-        """How far the two places are apart, for a message."""
+        """Return how far the two places are apart, for a message."""
         return message("program.apart", mm=self.off_mm, deg=float(np.degrees(self.off_rad)))
 
     @property
@@ -126,7 +126,7 @@ def _large(compared: _Compared) -> bool:
 
 
 def _point(name: str) -> str:
-    """What a point is called, without the marks of joint values and poses; empty where that is no name."""
+    """Return what a point is called, without the marks of joint values and poses; empty where that is no name."""
     plain = re.sub(r"^[jpqx](?=[A-Z][a-z])", "", name)
     match = _MARKED.fullmatch(plain)
     point = (match[1] if match else plain).lower()

@@ -46,7 +46,7 @@ _Body = list[Event | _Block]
 
 @dataclass
 class _Flow:
-    """What is known so far, which only grows: states that subroutines are entered and left with, that jumps bring to a subroutine's labels,
+    """Knowledge so far, which only grows: states that subroutines are entered and left with, that jumps bring to a subroutine's labels,
     that motions are made in, and that loops are begun with; of the loop that is gone through, what it is left with and begun again with."""
 
     entry: dict[str, States]
@@ -123,7 +123,7 @@ def _all(body: _Body) -> Iterable[Event]:
 
 
 def _after(body: _Body, states: States, flow: _Flow, name: str) -> States:
-    """What a body of the subroutine `name` leaves of these states; `flow` grows."""
+    """Return what a body of the subroutine `name` leaves of these states; `flow` grows."""
     for one in body:
         if isinstance(one, _Block):
             states = _after_loop(one, states, flow, name) if one.kind == "loop" else _after_branch(one, states, flow, name)

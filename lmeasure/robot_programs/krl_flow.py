@@ -123,7 +123,7 @@ def _statements(texts: Sequence[str]) -> Iterator[tuple[int, re.Match[str]]]:
 
 
 def _change(k: int, m: re.Match[str], frame_of: FrameOf, fdat_of: FdatOf) -> Callable[[State], State]:
-    """What a statement does to base and tool."""
+    """Return what a statement does to base and tool."""
     if m["mode"]:
         mode = m["mode"].upper()
         return lambda s: (s[0], s[1], mode)

@@ -1,4 +1,4 @@
-"""What every dialect makes of a program: targets with the places of their numbers, frames, and what was not understood.
+"""Program as every dialect reads it: targets with the places of their numbers, frames, and what was not understood.
 
 A dialect never guesses. A position is a target where the program moves to it as it stands, in frames that the program or the user
 states; everything else that holds or moves to a position is listed with its line and left as it is.
@@ -162,7 +162,7 @@ class Listing:
 
 
 class Reader:
-    """What is found in the files of a program while they are read; plain: their texts without comments and strings."""
+    """Contents of a program's files while they are read; plain: their texts without comments and strings."""
 
     def __init__(self, sources: Sequence[Source], comment: str = "", quotes: str = "", frames: Iterable[str] = ()) -> None:
         self.sources = tuple(sources)
@@ -244,7 +244,7 @@ class Points:
 
 
 def _size(point: Point, source: int, place: int) -> float | None:
-    """How large the region is; None where the place is not in it."""
+    """Return how large the region is; None where the place is not in it."""
     if point.region == EVERYWHERE:
         return float("inf")
     there = any(k == source and start <= place <= stop for k, start, stop in point.region)

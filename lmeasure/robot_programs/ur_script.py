@@ -164,7 +164,7 @@ class _Script:
                 )
 
     def _unnamed(self, argument: Span) -> Span:
-        """What is given as pose=... or q=..., without that."""
+        """Return what is given as pose=... or q=..., without that."""
         m = _KEY.match(self.text, *argument)
         return (m.end(), argument[1]) if m and m[1] in _TARGET_KEYS else argument
 

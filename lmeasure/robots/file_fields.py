@@ -1,4 +1,4 @@
-"""What files of robots have in common: lengths, angles, and places of frames."""
+"""Fields that files of robots have in common: lengths, angles, and places of frames."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What every robot under test can do, whatever its kind: parameters by name, joint values to poses, and the derivatives of both."""
+"""Interface of every robot under test: parameters by name, joint values to poses, and the derivatives of both."""
 
 from dataclasses import dataclass
 from typing import Protocol, Self

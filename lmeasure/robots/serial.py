@@ -35,7 +35,8 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class Coupling:
-    """How links follow joint values: values of links (m,) are matrix (m, n) times joint values (n,); driven (n,): each joint's link."""
+    """Dependence of links on joint values: values of links (m,) are matrix (m, n) times joint values (n,); driven (n,): each joint's
+    link."""
 
     matrix: FloatArray
     driven: IntArray

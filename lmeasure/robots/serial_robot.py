@@ -73,7 +73,7 @@ class SerialRobot:
 
     @property
     def reach_mm(self) -> float:
-        """How far from its base the flange can be [mm]."""
+        """Return how far from its base the flange can be [mm]."""
         return reach_mm(replace(self.arm, tool=_HERE)) + float(np.linalg.norm(self.arm.foot[:3]))
 
     @property

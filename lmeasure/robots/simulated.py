@@ -55,7 +55,7 @@ BETWEEN = 101
 
 
 Mechanics: TypeAlias = SerialArm | Mounted
-"""What moves: an arm by itself, or a robot of any kind where it stands."""
+"""Moving robot: an arm by itself, or a robot of any kind where it stands."""
 
 
 @dataclass(frozen=True)

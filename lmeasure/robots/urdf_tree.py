@@ -20,7 +20,7 @@ _FLANGES = tuple(
     re.compile(rf"(.*[^a-z0-9])?({word})", re.I)
     for word in ("tool0", "flange", "ee_link|end_effector(_link)?|eef(_link)?|ee", "tcp(_link)?|tool_link|tool_frame")
 )
-"""What links at the end of an arm are called, the surest name first."""
+"""Names of links at the end of an arm, the surest name first."""
 _FINGER = re.compile(r"finger|knuckle|thumb|jaw|claw", re.I)
 _GRIPPER = re.compile(r"gripper", re.I)
 _SAME = ("1", "-1", "1.0", "-1.0")

@@ -1,4 +1,4 @@
-"""How cables' parameters err, in the kernels' order: what a calibration's record says, and the rig of its dimensions."""
+"""Errors of cables' parameters, in the kernels' order: those of a calibration's record, and the rig of its dimensions."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ def channel_names(rig: Rig, cables: tuple[Observed, ...] | None = None, *, wide:
 
 
 def width_of(*, wide: bool) -> int:
-    """How many these are."""
+    """Return how many these are."""
     return len(PARAMETERS) + (len(FURTHER) if wide else 0)
 
 

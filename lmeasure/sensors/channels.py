@@ -91,7 +91,7 @@ class Channels(Shown):
 
     @property
     def cables(self) -> int:
-        """How many are cables: the first ones."""
+        """Return how many are cables: the first ones."""
         return self.kinds.count("cable")
 
     @property

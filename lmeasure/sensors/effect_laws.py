@@ -1,4 +1,4 @@
-"""What else acts on the length of a cable than its parameters: how uncertain drums, pulleys and attachment points are, and what that does.
+"""Effects on the length of a cable besides its parameters: how uncertain drums, pulleys and attachment points are, and what that does.
 
 With F and D of `kernels.cable`, N counts per turn, k the true count, every error as what it adds to f = F(P) - D(k):
 
@@ -49,7 +49,7 @@ class Acted(NamedTuple):
 
     @property
     def drum(self) -> Drum:
-        """What pays it out."""
+        """Return what pays it out."""
         return drum_of(self.row)
 
 
@@ -68,7 +68,7 @@ class CableEffect:
 
     @property
     def said(self) -> Message:
-        """What it is called, in every language."""
+        """Return what it is called, in every language."""
         return message(f"exact.{self.code}")
 
 
@@ -126,9 +126,9 @@ BACKLASH = CableEffect("u_backlash_counts", "backlash", "backlash")
 FRICTION = CableEffect("u_friction_counts", "friction", "friction")
 
 DIMENSIONS = (COUNT_LENGTH, PITCH, ATTACHMENT)
-"""What is a dimension of the rig, the same in every run and calibration."""
+"""Dimensions of the rig, the same in every run and calibration."""
 OTHERS = (RUN_OUT, ECCENTRICITY, BACKLASH, FRICTION, OFFSET, OVERSIZE)
-"""What depends on how drum and pulley stand and which way they turned, and what only a rig that states it has."""
+"""Effects that depend on how drum and pulley stand and which way they turned, and what only a rig that states it has."""
 EFFECTS = (COUNT_LENGTH, PITCH, RUN_OUT, ECCENTRICITY, ATTACHMENT, BACKLASH, FRICTION, OFFSET)
-"""What has a typical size where nobody states it."""
+"""Effects with a typical size if nobody states it."""
 STATED = (*EFFECTS, OVERSIZE)  # What a rig may state to be uncertain

@@ -40,8 +40,8 @@ Zeroed = tuple[FloatArray, FloatArray]  # Poses (m, 7) at which counting began, 
 
 
 class Added(NamedTuple):
-    """What parts add to F(P) - D(k) [mm], (n, m), its derivatives by their values (n, m, 7), by the way from B to P (n, m, 3) in base axes,
-    by the pulley's radius, by the pulley's angle psi and the drum's angle theta (n, m)."""
+    """Contribution of parts to F(P) - D(k) [mm], (n, m), its derivatives by their values (n, m, 7), by the way from B to P (n, m, 3) in
+    base axes, by the pulley's radius, by the pulley's angle psi and the drum's angle theta (n, m)."""
 
     mm: FloatArray
     by_values: FloatArray
@@ -80,7 +80,7 @@ class Parts:
         return _where(known, there.by_values - begun.by_values if since else there.by_values)
 
     def added(self, rows: FloatArray, zero: Zeroed, poses: FloatArray, counts: FloatArray, *, travel: FloatArray) -> tuple[Added, Added]:
-        """What they add at (n, 7) poses, with counts (n, m) that have the play of travel (n, m), and (1, m) where counting began."""
+        """Return what they add at (n, 7) poses, with counts (n, m) that have the play of travel (n, m), and (1, m) where counting began."""
         way = poses[:, None, :3] + arms(rows, poses) - rows[:, kernels.BASE_XYZ]
         begun, passed = self._begun(rows, zero)
         k0 = zero[1][None]

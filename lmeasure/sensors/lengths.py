@@ -84,7 +84,7 @@ class Lengths(Shown):
 
     @property
     def lengths(self) -> int:
-        """How many of the channels are cables: the first ones."""
+        """Return how many of the channels are cables: the first ones."""
         return len(self.cables) - self.encoders
 
     def of_cables(self) -> "Lengths":

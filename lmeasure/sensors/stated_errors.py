@@ -1,4 +1,4 @@
-"""What no calibration has solved: how uncertain a rig states its drums, pulleys and attachment points to be, and what that does to lengths.
+"""Errors that no calibration has solved: the stated uncertainties of drums, pulleys and attachment points, and what these does to lengths.
 The laws of these errors are in `sensors.effect_laws`."""
 
 import math
@@ -71,7 +71,7 @@ def _typical(rig: Rig, kind: CableEffect, owner: str) -> float:
 
 
 def of_record(rig: Rig, record: CalibrationRecord | None) -> list[Variable]:
-    """What of drums and pulleys a rig states to be uncertain and its calibration has not solved, and what is left of what it has."""
+    """Return what of drums and pulleys a rig states to be uncertain and its calibration has not solved, and what is left of what it has."""
     if record is None:
         return stated(rig, kinds=OTHERS)
     u = {p.name: p.u for p in record.parameters} | {d.name: d.u for d in record.dimensions}

@@ -193,7 +193,7 @@ class Scenario(Strict):
 
 @dataclass(frozen=True, repr=False)
 class Simulated(Shown):
-    """What a scenario gives: a run when it has waypoints, a campaign when it asks for one."""
+    """Result of a scenario: a run when it has waypoints, a campaign when it asks for one."""
 
     run: SimulatedRun | None
     campaign: SimulatedCampaign | None

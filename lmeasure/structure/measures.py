@@ -1,4 +1,4 @@
-"""How well links hold a platform at a pose, and along a straight way: the determinant, and beside it what a user can judge by.
+"""Quality of a platform's hold by links at a pose, and along a straight way: the determinant, and beside it what a user can judge by.
 
 A determinant has the unit mm^3 and no size that would be small or large. Beside it stand the condition, how far the platform's rim moves
 by lengths that are off by 1 mm together, and the radius that holds 95 % of the errors of its origin when each length is off by itself.
@@ -60,7 +60,7 @@ class Held:
 
 
 def held(linkage: Linkage, poses: FloatArray, u_mm: FloatArray | float = 1.0) -> Held:
-    """How the links hold the platform at poses (n, 7); u_mm: standard uncertainty of each length."""
+    """Return how the links hold the platform at poses (n, 7); u_mm: standard uncertainty of each length."""
     M, _, points = lines_of(linkage)(poses)
     known = np.asarray(np.isfinite(M).all(axis=(1, 2)))
     M = np.where(known[:, None, None], M, 0.0)
@@ -85,7 +85,7 @@ def held(linkage: Linkage, poses: FloatArray, u_mm: FloatArray | float = 1.0) ->
 
 
 def at_pose(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
-    """What `lmeasure structure` writes of a pose (7,); links straight from point to point, and beside it the cables as they run."""
+    """Return what `lmeasure structure` writes of a pose (7,); links straight from point to point, and beside it the cables as they run."""
     straight = replace(linkage, cables=None)
     M, own, points = lines_of(straight)(pose)
     if not (own > 0.0).all() or not np.isfinite(M).all():
@@ -129,7 +129,7 @@ def at_pose(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
 
 
 def at_singular(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
-    """What `lmeasure structure --singular` writes of the singular pose nearest to a pose (7,): straight links, six of them.
+    """Return what `lmeasure structure --singular` writes of the singular pose nearest to a pose (7,): straight links, six of them.
 
     StructureError where there is none near it, or more links than six.
     """

@@ -19,7 +19,7 @@ NEAR = 0.2  # Of the distance from the base to the platform: another assembly no
 
 @dataclass(frozen=True)
 class Workspace:
-    """What of the workspace is asked for: boundary slices of a plane (`xy`, `xz`, `yz`) at levels [mm], in a window of reach_mm to either
+    """Requested part of the workspace: boundary slices of a plane (`xy`, `xz`, `yz`) at levels [mm], in a window of reach_mm to either
     side of the pose, where pressure angles and lengths keep their limits."""
 
     plane: str

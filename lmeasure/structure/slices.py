@@ -206,6 +206,6 @@ class _Reached:
 
 
 def window_mm(linkage: Linkage, pose: FloatArray) -> float:
-    """How far a window reaches by default: the size of the rig with the platform at the pose [mm]."""
+    """Return how far a window reaches by default: the size of the rig with the platform at the pose [mm]."""
     points = np.vstack([linkage.base, pose[None, :3], linkage.platform + pose[:3]])
     return float(np.ptp(points, axis=0).max())

@@ -23,7 +23,7 @@ DRUM = {
 PULLEY_RADIUS_MM = 20.0
 GUIDE_ALPHA_DEG = 50.0
 GUESSED = ("pulley_radius_mm", "tangent_length_mm", "axial_offset_mm")
-"""What differs from rig to rig so that no template can know it."""
+"""Values that differ from rig to rig, so that no template can know them."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ TEMPLATES = {
 
 @dataclass(frozen=True)
 class Answers:
-    """What a person says of the rig; what is not said is the template's. positions, tool: by the names B1, ... and P1, ..."""
+    """Answers of a person about the rig; missing ones are the template's. positions, tool: by the names B1, ... and P1, ..."""
 
     name: str = "my rig"
     angles: str = "puma-oat"

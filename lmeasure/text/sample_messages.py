@@ -64,7 +64,7 @@ def common(n: int, cause: Cause) -> TextArray:
 
 
 def _each(causes: TextArray, made: Callable[[Any], Cause], of_nothing: Cause) -> TextArray:
-    """What is made of each cause, once of those that are the same object, as those of many samples are."""
+    """Return what is made of each cause, once of those that are the same object, as those of many samples are."""
     out = common(len(causes), of_nothing)
     at = np.flatnonzero(causes != "")
     kept: dict[int, Cause] = {}

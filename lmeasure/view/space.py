@@ -1,4 +1,4 @@
-"""What stands and moves in space: rig, cables, tool, ways and zones. Shapes are drawn here; no figure is computed."""
+"""Shapes that stand and move in space: rig, cables, tool, ways and zones. Shapes are drawn here; no figure is computed."""
 
 from collections.abc import Sequence
 
@@ -148,7 +148,7 @@ def _log_looks(rec: rr.RecordingStream, rig: Rig, *, place_only: bool) -> None:
 
 
 def thinned_note(frames: Thinned) -> list[str]:
-    """What is to be said of frames that are fewer than the samples."""
+    """Return what is to be said of frames that are fewer than the samples."""
     text = message("view.frames", drawn=len(frames), samples=frames.seen)
     return [text] if len(frames) < frames.seen else []
 

@@ -39,7 +39,7 @@ new URL(what instanceof Request ? what.url : what, location).origin === location
 
 
 def policy(read: str = "'self'") -> str:
-    """What the viewer's page may do: run its own code, and ask the places in `read` alone."""
+    """Return what the viewer's page may do: run its own code, and ask the places in `read` alone."""
     return (
         "default-src 'none'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; "
         f"font-src 'self' data:; img-src 'self' data: blob:; connect-src {read} data: blob:; worker-src 'self' blob:; "

@@ -1,4 +1,4 @@
-"""What pages and the API share: the state of one server, and how errors and files are answered."""
+"""Common parts of pages and the API: the state of one server, and how errors and files are answered."""
 
 import asyncio
 import contextlib

@@ -23,7 +23,7 @@ def _commands() -> list[str]:
 
 
 def project(request: Request) -> Response:
-    """What the project has."""
+    """Return what the project has."""
     found = bench_of(request).project.found
     return JSONResponse({"files": [{"kind": one.kind, "path": one.path} for one in found]})
 

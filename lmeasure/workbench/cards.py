@@ -179,7 +179,7 @@ ONWARD = {
     "certify": (("/run/verify?bundle={out}", "workbench.verify_certificate"), ("/trend", "workbench.certificates_over_time")),
     "register": (("/register?folder={register_dir}", "workbench.register"),),
 }
-"""What comes after a command; in braces stands what it was asked."""
+"""Next step after a command; in braces stands what it was asked."""
 
 
 @dataclass(frozen=True)
@@ -246,7 +246,7 @@ def _started(run: Path) -> bool:
 
 
 def _start(command: str, project: Project) -> str:
-    """What keeps a trajectory from being certified: every run lacks its start, and no channel can tell it."""
+    """Return what keeps a trajectory from being certified: every run lacks its start, and no channel can tell it."""
     runs = project.of("run")
     if command not in ("reconstruct", "certify") or not runs or (command == "certify" and project.of("trajectory")):
         return ""

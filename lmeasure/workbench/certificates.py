@@ -49,7 +49,7 @@ def details(request: Request, form: Form) -> Response:
 
 
 def preview(request: Request, form: Form) -> Response:
-    """How what is typed will be printed, in both languages; which rows nothing fills; what is wrong."""
+    """Return how what is typed will be printed, in both languages; which rows nothing fills; what is wrong."""
     typed = {key: values[-1] for key, values in form.items()}
     content = form_of_details.filled({}, typed)
     wrong = form_of_details.complaints(content, "details")

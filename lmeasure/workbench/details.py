@@ -1,4 +1,4 @@
-"""What a certificate says besides its figures, as a form: lamps for what ISO/IEC 17025 asks and nobody states; how it is printed in
+"""Details of a certificate besides its results, as a form: lamps for what ISO/IEC 17025 asks and nobody states; how it is printed in
 both languages."""
 
 import copy
@@ -79,7 +79,7 @@ ENTRIES = tuple(entry for entries in FORM.values() for entry in entries)
 
 
 def label(entry: Entry, language: str) -> str:
-    """What a field is called: as its row of the certificate, where it alone fills that."""
+    """Return what a field is called: as its row of the certificate, where it alone fills that."""
     text = said(language, entry.label) if entry.label else word(language, entry.row)
     return text[:1].upper() + text[1:]
 
@@ -124,7 +124,7 @@ def _value(text: str, entry: Entry, before: Any) -> Any:
 
 
 def complaints(content: Mapping[str, Any], name: str) -> list[str]:
-    """What of a content is no details file, all at once."""
+    """Return what of a content is no details file, all at once."""
     try:
         checked(dict(content), Details, name)
     except LMeasureError as error:

@@ -22,7 +22,7 @@ INSTEAD: dict[str, set[str]] = {"import": {"position_mm", "quaternion_xyzw"}, "z
 NOT_HERE = {"docs", "inspect", "view", "warm", "schema", "workbench"}
 """Commands that a page has in another way: they print, or open windows."""
 ALWAYS: dict[str, dict[str, Any]] = {"record": {"live": True}}
-"""What a page always asks for."""
+"""Options that a page always asks for."""
 KINDS = {
     "rig": ("rig",),
     "poses": ("poses",),
@@ -81,11 +81,11 @@ SUGGESTED = {
     ("frames", "out"): "+robot/frames.json",
     ("structure", "out"): "+structure.json",
 }
-"""What a page fills in; after + a name that must be free."""
+"""Options that a page fills in; after + a name that must be free."""
 TAKEN = {("play", "poses"), ("play", "commands"), ("plan-poses", "rig")}
-"""What is not required, and taken where the project has it."""
+"""Options that are not required, and taken if the project has the file."""
 TAKEN_ALONE = {("certify", "run")}
-"""What is not required, and taken where the project has one: of several nobody knows which."""
+"""Options that are not required, and taken if the project has one such file: of several nobody knows which."""
 _SPLIT = re.compile(r"[,;=:\s]")
 _FLAG = re.compile(r"--[a-z][a-z0-9-]*")
 _WORD = re.compile(r"`([^`]+)`")
@@ -192,7 +192,7 @@ def filled_in(command: str, form: Mapping[str, Sequence[str]]) -> dict[str, Any]
 
 
 def defaults(command: str) -> dict[str, Any]:
-    """What a command takes for what nobody says, but for switches."""
+    """Return what a command takes for what nobody says, but for switches."""
     return {o.name: o.default for o in options_of(load(command).settings) if o.default and o.kind != "flag"}
 
 
@@ -261,7 +261,7 @@ def written_down(command: str, given: Mapping[str, Any]) -> str:
 
 
 def of_words(command: str, words: Sequence[str]) -> dict[str, Any]:
-    """What a job's command line says, as the fields of its form: the way back of `asked`."""
+    """Return what a job's command line says, as the fields of its form: the way back of `asked`."""
     options = options_of(load(command).settings)
     flags = {option.flag.partition("/")[0]: option for option in options}
     model = load(command).settings.model_fields

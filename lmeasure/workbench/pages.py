@@ -216,7 +216,7 @@ def _onward(job: Job) -> tuple[tuple[str, str], ...]:
 
 
 def _query(job: Job) -> dict[str, Any]:
-    """What a job was asked, as the fields of its form."""
+    """Return what a job was asked, as the fields of its form."""
     return {**forms.of_words(job.command, job.words), "_form": "1"}
 
 

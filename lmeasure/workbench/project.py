@@ -47,7 +47,7 @@ class Project:
     folder: Path
     found: tuple[Found, ...] = field(repr=False, default=())
     known: Mapping[str, str] = field(repr=False, default_factory=dict)
-    """What is known beside files, by options: the bus that is used, and where a simulated robot stands."""
+    """Values that are known beside files, by options: the bus that is used, and where a simulated robot stands."""
     doubted: frozenset[str] = field(repr=False, default=frozenset())
     """Files of failed jobs: a form offers them last, and fills none of them in."""
 

@@ -77,7 +77,7 @@ def look(request: Request) -> Response:
 
 
 def _uses(here: str, path: Path) -> list[tuple[str, str]]:
-    """What may be done with a file."""
+    """Return what may be done with a file."""
     if (path / "run.toml").is_file():
         return [
             (f"/run/reconstruct?{urlencode({'run': here})}", "workbench.reconstruct_trajectory"),

@@ -19,7 +19,7 @@ LISTED = 50
 
 
 class Opener(Protocol):
-    """What serves projects."""
+    """Server of projects."""
 
     def address(self, folder: Path, shelf: "Shelf") -> str:
         """Where one is served, from now on if it was not."""

@@ -29,7 +29,7 @@ ARROWS = {
     "counts_per_revolution": "workbench.drum_encoder_k_counts",
     "tool": "P",
 }
-"""What of the drawing a value is."""
+"""Part of the drawing that a value is."""
 _NUMBER = re.compile(r"\d+")
 FIXED = ("schema", "assumed", "calibration")
 
@@ -62,12 +62,12 @@ class Leaf(NamedTuple):
     assumed: bool
 
     def named(self, say: Callable[[str], str]) -> str:
-        """What the field is called."""
+        """Return what the field is called."""
         return " ".join(part for part in (self.within and f"{say(self.within)}:", say(self.label), self.axis) if part)
 
 
 class Thing(NamedTuple):
-    """What values belong to: what kind of thing, and its own name."""
+    """Owner of values: its kind and its own name."""
 
     kind: str
     name: str
@@ -194,7 +194,7 @@ def save(path: Path, form: Mapping[str, str]) -> list[str]:
 
 
 def faults(path: Path, content: Mapping[str, Any]) -> list[str]:
-    """What keeps the content of a file from being what its schema says."""
+    """Return what keeps the content of a file from being what its schema says."""
     try:
         KINDS[schema_of(path)](dict(content), path.name)
     except LMeasureError as error:

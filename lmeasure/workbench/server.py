@@ -46,7 +46,7 @@ for _name in COMMANDS:
     load(_name)
 ROUTES = (*pages.ROUTES, *project_files.ROUTES, *runs.ROUTES, *certificates.ROUTES, *register.ROUTES, *api.ROUTES)
 CANNOT_READ = (LMeasureError, OSError, RecursionError)
-"""What reading a file of a project fails with: a document may be too deep."""
+"""Errors of reading a file of a project: a document may be too deep."""
 
 
 def application(

@@ -1,4 +1,4 @@
-"""What pages show of a trajectory: its summary, its series, its rows. Computed in the process of `worker`."""
+"""Contents of a trajectory's pages: its summary, its series, its rows. Computed in the process of `worker`."""
 
 import io
 from functools import lru_cache

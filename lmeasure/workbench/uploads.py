@@ -1,4 +1,4 @@
-"""What is brought into a project: files, a folder, a zip that is unpacked. All of it is taken in, or nothing."""
+"""Uploads into a project: files, a folder, a zip that is unpacked. All of it is taken in, or nothing."""
 
 import contextlib
 import re

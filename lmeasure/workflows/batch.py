@@ -36,7 +36,7 @@ NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 
 class Settings(Asked):
-    """What `lmeasure batch` is asked."""
+    """Settings of `lmeasure batch`."""
 
     command: Annotated[
         Literal["import", "reconstruct", "calibrate", "identify", "certify", "verify", "motion", "zone", "place", "simulate", "correct"],

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Writing):
-    """What `lmeasure calibrate` is asked; options of the fit are those of `lmeasure.CalibrationSettings`."""
+    """Settings of `lmeasure calibrate`; options of the fit are those of `lmeasure.CalibrationSettings`."""
 
     NEXT: ClassVar[str] = "zone {out}/rig.toml --report {out} --out {out}/zone.nc"
     folder: Annotated[
@@ -220,7 +220,7 @@ def _continued(settings: Settings, progress: Progress) -> "Result[Calibration]":
 
 
 def _lines(record: "CalibrationRecord") -> list[str]:
-    """How good a calibration is, what it was checked by, and its warnings."""
+    """Return how good a calibration is, what it was checked by, and its warnings."""
     lines: list[str] = []
     if lengths := record.predicted["lengths"]:
         rms, worst = [e["rms_mm"] for e in lengths], max(lengths, key=lambda e: e["worst_mm"])

@@ -35,7 +35,7 @@ class Keys(Protocol):
 
 
 class Settings(Asked):
-    """What `lmeasure capture` is asked."""
+    """Settings of `lmeasure capture`."""
 
     NEXT: ClassVar[str] = "calibrate {out} --out calibrated"
     rig: Annotated[Path, option("Nominal rig.toml; its table [can] assigns frames to counters.", metavar="RIG", positional=True)]
@@ -124,7 +124,7 @@ def _state_uncertainty(settings: Settings, folder: "CaptureFolder", ask: Callabl
 
 
 def _number(ask: Callable[[str], str], question: str) -> float | None:
-    """What is answered, asked again until it is a number that is not negative, or nothing."""
+    """Return what is answered, asked again until it is a number that is not negative, or nothing."""
     while True:
         answer = ask(question).strip().replace(",", ".")
         if not answer:

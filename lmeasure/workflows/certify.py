@@ -27,7 +27,7 @@ CHOICES = "What is certified"
 
 
 class Settings(Writing):
-    """What `lmeasure certify` is asked; what is certified is chosen as in `lmeasure.CertificationSettings`."""
+    """Settings of `lmeasure certify`; what is certified is chosen as in `lmeasure.CertificationSettings`."""
 
     NEXT: ClassVar[str] = "verify {out}"
     trajectory: Annotated[Path, option(TRAJECTORY, metavar="TRAJECTORY", positional=True)]
@@ -168,7 +168,7 @@ TURNED_DEG = 90.0
 
 
 def _strange(content: dict[str, Any]) -> list[str]:
-    """What no robot does, in the language of the certificate."""
+    """Return what no robot does, in the language of the certificate."""
     off = [c["value"] for c in content["characteristics"] if c["name"] == "AP_rot" and c["value"] is not None]
     if not off or min(off) < TURNED_DEG:
         return []
@@ -194,7 +194,7 @@ def _assumed_figures(lines: list[Message]) -> dict[str, float]:
 
 
 def _figures(content: dict[str, Any]) -> dict[str, float]:
-    """How many there are and of how many the instrument is capable, and the largest of the lengths that matter most."""
+    """Return how many there are and of how many the instrument is capable, and the largest of the lengths that matter most."""
     from lmeasure.iso9283 import trend_names
 
     every = content["characteristics"]

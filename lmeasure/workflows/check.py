@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Writing):
-    """What `lmeasure check` is asked."""
+    """Settings of `lmeasure check`."""
 
     rig: Annotated[Path, RIG]
     bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, ...", metavar="INTERFACE:CHANNEL")]

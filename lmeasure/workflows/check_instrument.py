@@ -17,7 +17,7 @@ CALIBRATE_AGAIN = "plan-poses {rig} --poses 12 --box=-300:300,-300:300,-300:300 
 
 
 class Settings(Writing):
-    """What `lmeasure check-instrument` is asked."""
+    """Settings of `lmeasure check-instrument`."""
 
     run: Annotated[
         Path, option("Run folder of the check: stops at several positions, each twice, and the return.", metavar="RUN", positional=True)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Writing):
-    """What `lmeasure compare` is asked."""
+    """Settings of `lmeasure compare`."""
 
     OUT_FILE: ClassVar[str] = "comparison.json"
     certificates: Annotated[
@@ -122,7 +122,7 @@ def _is_calibration(path: Path) -> bool:
 
 
 def _calibrations(settings: Settings) -> "Result[Comparison | Moved]":
-    """What moved between two calibrations, by their records."""
+    """Return what moved between two calibrations, by their records."""
     from dataclasses import asdict
 
     from lmeasure.calibration import compare_records, comparison_summary, read_earlier

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Writing):
-    """What `lmeasure correct` is asked."""
+    """Settings of `lmeasure correct`."""
 
     NEXT: ClassVar[str] = "compare before after --corrections {out}/corrections.json --page comparison.html"
     programs: Annotated[

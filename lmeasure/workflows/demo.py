@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Writing):
-    """What `lmeasure demo` is asked."""
+    """Settings of `lmeasure demo`."""
 
     NEXT: ClassVar[str] = "workbench my-cell"
     out: Annotated[Path | None, option("Folder for all files; default a new one, lmeasure-demo or lmeasure-robot-demo.", metavar="DIR")] = (

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Writing):
-    """What `lmeasure drum` is asked."""
+    """Settings of `lmeasure drum`."""
 
     NEXT: ClassVar[str] = "scan"
     OUT_FILE: ClassVar[str] = "measured.toml"

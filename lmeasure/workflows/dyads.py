@@ -17,7 +17,7 @@ LEAST = 7
 
 
 class Settings(Writing):
-    """What `lmeasure dyads` is asked."""
+    """Settings of `lmeasure dyads`."""
 
     NEXT: ClassVar[str] = "structure rig.toml --report structure"
     poses: Annotated[Path, option("Poses of the body: x_mm, y_mm, z_mm, qx, qy, qz, qw.", metavar="POSES", positional=True)]

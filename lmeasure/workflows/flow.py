@@ -1,4 +1,4 @@
-"""What every workflow has in common: progress and its end, what it gives, and the rule for what it may write."""
+"""Common parts of all workflows: progress and its end, what it gives, and the rule for what it may write."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -103,7 +103,7 @@ def inside(folder: Path, *names: str) -> tuple[Path, ...]:
 
 
 def in_run_folder(folder: Path, *more: str) -> tuple[Path, ...]:
-    """What a run folder holds, as far as it is there: which passes a command will write it does not know yet."""
+    """Return what a run folder holds, as far as it is there: which passes a command will write it does not know yet."""
     there = [path for pattern in ("pass[0-9]*.csv", "pass[0-9]*.parquet", "pass[0-9]*.log") for path in sorted(folder.glob(pattern))]
     there += [folder / left.name for left in abandoned(folder) if left.name.startswith("pass")]
     first = inside(folder, "pass1.csv", "pass1.parquet", "pass1.events.csv")
@@ -125,7 +125,7 @@ def _of_unlikely(inputs: Iterable[Path]) -> Iterator[list[str]]:
 
 
 def sizes_of(paths: Iterable[Path]) -> list[str]:
-    """What is unlikely of the sizes of rigs among files."""
+    """Return what is unlikely of the sizes of rigs among files."""
     from lmeasure.io import LARGEST_TOML, read_regular, read_toml
     from lmeasure.rig import unlikely_size
 

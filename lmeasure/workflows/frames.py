@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Writing):
-    """What `lmeasure frames` is asked."""
+    """Settings of `lmeasure frames`."""
 
     NEXT: ClassVar[str] = "inspect {out}"
     OUT_FILE: ClassVar[str] = "frames.json"

@@ -20,7 +20,7 @@ BASE_LINK = option("Base link of a .urdf; the chain starts there.", metavar="LIN
 
 
 class Settings(Writing):
-    """What `lmeasure identify` is asked."""
+    """Settings of `lmeasure identify`."""
 
     NEXT: ClassVar[str] = "correct program.csv --identified {out} --out corrected"
     robot: Annotated[str, option("Nominal robot: a name (such as ur5, generic7, gough), a robot.toml or a .urdf.", metavar="NAME_OR_FILE")]

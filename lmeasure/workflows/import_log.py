@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Writing):
-    """What `lmeasure import` is asked."""
+    """Settings of `lmeasure import`."""
 
     logs: Annotated[
         tuple[Path, ...],

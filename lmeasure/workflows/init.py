@@ -24,7 +24,7 @@ Ask = Callable[[str, str], str]
 
 
 class Settings(Writing):
-    """What `lmeasure init` is asked."""
+    """Settings of `lmeasure init`."""
 
     out: Annotated[
         Path,
@@ -115,7 +115,7 @@ def _choice(ask: Ask, question: str, options: tuple[str, ...]) -> str:
 
 
 def _asked(ask: Ask, template: "Template") -> "Answers":
-    """What differs from rig to rig. Numbers are asked for again until they are some; Enter keeps a guess a guess."""
+    """Return what differs from rig to rig. Numbers are asked for again until they are some; Enter keeps a guess a guess."""
     from lmeasure.core import CONVENTIONS
     from lmeasure.templates import DRUM, PULLEY_RADIUS_MM, Answers
 

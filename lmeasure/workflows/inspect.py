@@ -14,7 +14,7 @@ from lmeasure.workflows.settings import BROWSER, LANGUAGE, Paths, Writing, optio
 
 
 class Settings(Writing):
-    """What `lmeasure inspect` is asked."""
+    """Settings of `lmeasure inspect`."""
 
     OUT_FILE: ClassVar[str] = "inspect.html"
 

@@ -9,7 +9,7 @@ from lmeasure.workflows.settings import Paths, Writing, option
 
 
 class Settings(Writing):
-    """What `lmeasure key` is asked."""
+    """Settings of `lmeasure key`."""
 
     NEXT: ClassVar[str] = "certify trajectory.parquet --program program.toml --key {out} --out certificate"
     OUT_FILE: ClassVar[str] = "key.pem"

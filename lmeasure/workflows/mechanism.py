@@ -1,4 +1,4 @@
-"""What a mechanism is and does: at a pose, along its coordinates, over a grid of places, at the poses of a table."""
+"""Study of a mechanism: at a pose, along its coordinates, over a grid of places, at the poses of a table."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -33,7 +33,7 @@ KINDS = Literal["point-on-a-line", "line-in-a-plane", "line", "point", "plane"]
 
 
 class Settings(Writing):
-    """What `lmeasure mechanism` is asked."""
+    """Settings of `lmeasure mechanism`."""
 
     OUT_FILE: ClassVar[str] = "mechanism.json"
     robot: Annotated[

@@ -32,7 +32,7 @@ FASTEST_MM_S = 1e5
 
 
 class Settings(Writing):
-    """What `lmeasure motion` is asked."""
+    """Settings of `lmeasure motion`."""
 
     NEXT: ClassVar[str] = "report {trajectory} --out report"
     OUT_FILE: ClassVar[str] = "motion.parquet"

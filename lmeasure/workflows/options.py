@@ -1,4 +1,4 @@
-"""How the options of settings are written down as texts: on a command line, in a form, in a request. One place for every face."""
+"""Options of settings as texts: on a command line, in a form, in a request. One place for every face."""
 
 import re
 import types
@@ -31,7 +31,7 @@ class Written(NamedTuple):
 
 
 def written(field: "FieldInfo") -> Written:
-    """How an option is written."""
+    """Return how an option is written."""
     default = field.default
     optional = get_origin(field.annotation) in (Union, types.UnionType)
     kind, marks = _marks(field)

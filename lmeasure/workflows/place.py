@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Writing):
-    """What `lmeasure place` is asked."""
+    """Settings of `lmeasure place`."""
 
     NEXT: ClassVar[str] = "zone {out}/rig.toml --out {out}/zone.nc"
     rig: Annotated[Path, option("Present rig, or a first sketch of it.", metavar="RIG.toml", positional=True)]

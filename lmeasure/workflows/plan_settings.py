@@ -1,4 +1,4 @@
-"""What `lmeasure plan-poses` is asked, of a rig and of a robot."""
+"""Settings of `lmeasure plan-poses`, for a rig and for a robot."""
 
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
@@ -24,11 +24,11 @@ ROBOT = "Poses of a robot"
 STATED = "default exact, with --extend the largest recorded one"
 
 OPTIONS = ("free", "candidates", "columns", "keep_out", "zone", "base", "tool", "tip", "base_link")
-"""What is asked of a robot alone."""
+"""Options of a robot alone."""
 
 
 class Settings(Writing):
-    """What `lmeasure plan-poses` is asked."""
+    """Settings of `lmeasure plan-poses`."""
 
     OUT_FILE: ClassVar[str] = "planned.csv"
     rig: Annotated[

@@ -20,7 +20,7 @@ BUILT = "How the cell differs from its rig"
 AT_ONCE_S = 0.02
 """Rows that are made at once, and how long a line waits at most."""
 SILENT_S = 0.5
-"""How long nobody may be heard there before."""
+"""Time of silence required there before."""
 
 
 def own_bus(folder: Path) -> str:
@@ -30,7 +30,7 @@ def own_bus(folder: Path) -> str:
 
 
 class Settings(Asked):
-    """What `lmeasure play` is asked."""
+    """Settings of `lmeasure play`."""
 
     NEXT: ClassVar[str] = "init my-cell"
     rig: Annotated[Path, option("rig.toml with the measured dimensions of the cell.", metavar="RIG", positional=True)]

@@ -38,7 +38,7 @@ EDGES = "Box that the robot uses most, mm."
 
 
 class Settings(Writing):
-    """What `lmeasure program` is asked."""
+    """Settings of `lmeasure program`."""
 
     out: Annotated[Path, option("Folder for program.toml, commands.csv and robodk.csv.", metavar="DIR")]
     zone: Annotated[Path | None, option("Use the largest cube in this accuracy zone instead of a box.", metavar="FILE.nc")] = None

@@ -9,7 +9,7 @@ from lmeasure.workflows.settings import Paths, Writing, option
 
 
 class Settings(Writing):
-    """What `lmeasure qualify` is asked."""
+    """Settings of `lmeasure qualify`."""
 
     NEXT: ClassVar[str] = "certify trajectory.parquet --program program.toml --out certificate"
     out: Annotated[Path, option("Folder for qualification.json and qualification.pdf.", metavar="DIR")]

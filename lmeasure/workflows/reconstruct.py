@@ -18,7 +18,7 @@ FIRST_PART = "part-00000.parquet"
 
 
 class Settings(Writing):
-    """What `lmeasure reconstruct` is asked."""
+    """Settings of `lmeasure reconstruct`."""
 
     NEXT: ClassVar[str] = "report {out} --out report"
     OUT_FILE: ClassVar[str] = "trajectory.parquet"
@@ -134,7 +134,7 @@ def _written(settings: Settings, recorded: "Run", trajectory: "Trajectory", prog
 
 
 def _each_piece(rerun: Path | None, head: "RunHead") -> AbstractContextManager["Each | None"]:
-    """What takes the pieces of a run into the recording that is asked for, if one is."""
+    """Return what takes the pieces of a run into the recording that is asked for, if one is."""
     if rerun is None:
         return nullcontext()
     from lmeasure.view import streamed_recording

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Writing):
-    """What `lmeasure record` is asked."""
+    """Settings of `lmeasure record`."""
 
     rig: Annotated[Path, RIG]
     bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, replay:FILE, ...", metavar="INTERFACE:CHANNEL")]
@@ -101,7 +101,7 @@ def _files(folder: Path) -> dict[Path, int]:
 
 
 def _missing(settings: Settings) -> str:
-    """What is said of a run without a start."""
+    """Return what is said of a run without a start."""
     from lmeasure.rig import read_rig
     from lmeasure.trajectory import enough_absolute
 
@@ -112,7 +112,7 @@ def _missing(settings: Settings) -> str:
 
 
 def pose_watch(rig: Path, start: str | None, passage: int) -> "PoseWatch | str":
-    """What follows the poses of a pass of a rig's file from a start, compiled before the bus is opened, or why there are none."""
+    """Return what follows the poses of a pass of a rig's file from a start, compiled before the bus is opened, or why there are none."""
     from lmeasure.recording import start_from_text
     from lmeasure.rig import read_linked_rig
     from lmeasure.trajectory import LivePose, PoseWatch, enough_absolute
@@ -131,7 +131,7 @@ def pose_watch(rig: Path, start: str | None, passage: int) -> "PoseWatch | str":
 
 
 def _growing(settings: Settings) -> "AbstractContextManager[Callable[[Samples], None] | None]":
-    """What takes the samples into the recording to look at, while it is live."""
+    """Return what takes the samples into the recording to look at, while it is live."""
     if settings.rerun is None or not settings.live:
         return nullcontext(None)
     from lmeasure.rig import read_rig

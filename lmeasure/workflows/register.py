@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Writing):
-    """What `lmeasure register` is asked."""
+    """Settings of `lmeasure register`."""
 
     NEXT: ClassVar[str] = "register {register_dir} --add certificate"
     register_dir: Annotated[Path, option("Folder of the register; it is made if it does not exist.", metavar="DIR", positional=True)]

@@ -1,4 +1,4 @@
-"""What each command does, once: settings in, result out; command lines, pages and scripts are faces of it.
+"""Commands, each once: settings in, result out; command lines, pages and scripts are faces of it.
 
 A workflow is a module with `Settings`, a model of what it is asked, and `run(settings, progress)`, which reads, calls the stages, writes
 every file, and gives a `Result`. It is known by its line in `JOBS`; nothing of it is loaded before it is asked for.

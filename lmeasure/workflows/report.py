@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Writing):
-    """What `lmeasure report` is asked."""
+    """Settings of `lmeasure report`."""
 
     measured: Annotated[
         Path,

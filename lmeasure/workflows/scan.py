@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Asked):
-    """What `lmeasure scan` is asked."""
+    """Settings of `lmeasure scan`."""
 
     bus: Annotated[str | None, option("Listen to this bus; without it, `scan` lists the adapters.", metavar="INTERFACE:CHANNEL")] = None
     seconds: Annotated[float, option("Listening time.", ge=0.1, le=3600, unit="s")] = 5.0

@@ -10,7 +10,7 @@ from lmeasure.workflows.settings import Paths, Writing, option
 
 
 class Settings(Writing):
-    """What `lmeasure schema` is asked."""
+    """Settings of `lmeasure schema`."""
 
     OUT_FILE: ClassVar[str] = "schema.json"
     NEXT: ClassVar[str] = "init my-cell"

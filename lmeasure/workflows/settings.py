@@ -1,4 +1,4 @@
-"""What a command is asked: frozen models that say unit, range and help of every option once, for command lines, forms and scripts."""
+"""Settings of commands: frozen models that say unit, range and help of every option once, for command lines, forms and scripts."""
 
 import math
 import os
@@ -161,7 +161,7 @@ def unit_of(name: str, field: FieldInfo) -> str:
 
 
 def said_of(field: FieldInfo) -> dict[str, Any]:
-    """What `option` was said beside help and range."""
+    """Return what `option` was said beside help and range."""
     return field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
 
 
@@ -217,7 +217,7 @@ class Turned(Separated):
 
 
 def parts_of(text: str, mark: str = ",") -> list[str]:
-    """What stands between the marks of a text; blanks do as well where the mark is a comma."""
+    """Return what stands between the marks of a text; blanks do as well where the mark is a comma."""
     return re.split(r"\s*,\s*|\s+", text.strip()) if mark == "," else text.split(mark)
 
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Writing):
-    """What `lmeasure simulate` is asked."""
+    """Settings of `lmeasure simulate`."""
 
     NEXT: ClassVar[str] = "reconstruct {out} --out {out}/trajectory.parquet"
     scenario: Annotated[Path, option("scenario.toml: rig, motion, noise, reference poses.", metavar="SCENARIO", positional=True)]

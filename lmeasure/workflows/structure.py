@@ -1,4 +1,4 @@
-"""What links make of a rig, before anything is built or measured."""
+"""Study of a rig's links, before anything is built or measured."""
 
 import math
 from pathlib import Path
@@ -35,7 +35,7 @@ MOST_LEVELS = 50
 
 
 class Settings(Writing):
-    """What `lmeasure structure` is asked."""
+    """Settings of `lmeasure structure`."""
 
     OUT_FILE: ClassVar[str] = "structure.json"
     file: Annotated[

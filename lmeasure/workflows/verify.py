@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Asked):
-    """What `lmeasure verify` is asked."""
+    """Settings of `lmeasure verify`."""
 
     NEXT: ClassVar[str] = "inspect {bundle}"
     bundle: Annotated[Path, option("Folder or zip that `certify` wrote.", metavar="DIR|FILE.zip", positional=True)]

@@ -10,7 +10,7 @@ from lmeasure.workflows.settings import Asked, option
 
 
 class Settings(Asked):
-    """What `lmeasure view` is asked."""
+    """Settings of `lmeasure view`."""
 
     NEXT: ClassVar[str] = "workbench my-cell"
     recording: Annotated[Path, option("Recording from an option --rerun, or from the demo.", metavar="FILE.rrd", positional=True)]

@@ -1,4 +1,4 @@
-"""What comes over a bus, before anything is recorded."""
+"""Display of a bus, before anything is recorded."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Asked):
-    """What `lmeasure watch` is asked."""
+    """Settings of `lmeasure watch`."""
 
     NEXT: ClassVar[str] = "record {rig} --bus {bus} --out run"
     rig: Annotated[Path, RIG]

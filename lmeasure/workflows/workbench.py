@@ -16,7 +16,7 @@ browser, or None."""
 
 
 class Settings(Asked):
-    """What `lmeasure workbench` is asked."""
+    """Settings of `lmeasure workbench`."""
 
     NEXT: ClassVar[str] = "workbench {folder}"
     folder: Annotated[Path, option("Project folder; created if it does not exist.", metavar="FOLDER", positional=True)] = Path()

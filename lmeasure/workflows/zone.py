@@ -24,7 +24,7 @@ MORE_THAN_0 = (0.0, math.inf)
 
 
 class Settings(Writing):
-    """What `lmeasure zone` is asked; see `lmeasure.accuracy.limits.Limits` for the limits and `accuracy.zone.Scan` for the computing."""
+    """Settings of `lmeasure zone`; see `lmeasure.accuracy.limits.Limits` for the limits and `accuracy.zone.Scan` for the computing."""
 
     NEXT: ClassVar[str] = "program --zone {out} --out program"
     OUT_FILE: ClassVar[str] = "zone.nc"

@@ -1,4 +1,4 @@
-"""What an encoder's objects say of its frames: read from the device, from its electronic data sheet (EDS), or from the rig, for a log."""
+"""Objects of an encoder about its frames: read from the device, from its electronic data sheet (EDS), or from the rig, for a log."""
 
 import itertools
 import re
@@ -85,7 +85,7 @@ class DataSheet(Objects):
         return self._blank(index, subindex)
 
     def _blank(self, index: int, subindex: int) -> int | None:
-        """What the standards say where an object is there and states nothing."""
+        """Return what the standards say where an object is there and states nothing."""
         if 0x1800 <= index < 0x1804 and subindex == 1:
             return OWN_TIMER_PDO + 0x100 * (index - 0x1800) + self._node
         if index in (0x1800, 0x1801) and subindex == 2:
@@ -191,12 +191,12 @@ ENCODER_PROFILE = 406
 ABSOLUTE_TYPES = (2, 8)
 """CiA 406, device type (1000h), upper half: multiturn absolute rotary and absolute linear encoders."""
 BOOT_S = 0.3
-"""How long nodes have to answer a scan."""
+"""Time that nodes have to answer a scan."""
 
 
 @dataclass(frozen=True)
 class Device:
-    """What an encoder says of itself; None where it has no such object."""
+    """Identity of an encoder by its own objects; None where it has no such object."""
 
     channel: str
     node: int

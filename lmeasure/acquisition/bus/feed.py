@@ -26,7 +26,7 @@ FD_LENGTHS = np.array([*range(9), 12, 16, 20, 24, 32, 48, 64])
 CLOSEST = 0.5
 """Of the time between two rows: no two come closer to each other, where those behind a late one catch up."""
 BEHIND_S = 0.5
-"""How late a row may be for those behind it to catch up: a machine that slept does not hurry."""
+"""Largest delay of a row for those behind it to catch up: a machine that slept does not hurry."""
 
 _places = itertools.count()
 

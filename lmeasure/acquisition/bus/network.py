@@ -1,4 +1,4 @@
-"""What devices and the bus say of themselves while counts come: emergencies, states and restarts (CiA 301, J1939), and error frames.
+"""Messages of devices and the bus about themselves while counts come: emergencies, states and restarts (CiA 301, J1939), and error frames.
 
 Whether a word ends the origin of an incremental counter:
 
@@ -29,7 +29,7 @@ RESETS = {0x81: "reset_node", 0x82: "reset_communication"}
 ENTER_PRE_OPERATIONAL = 0x80
 ERROR_CLASSES = (0x00, 0x10, 0x20, 0x30, 0x40, 0x50, 0x60, 0x70, 0x80, 0x90, 0xF0, 0xFF)
 LOST, DOUBTFUL = "lost", "doubtful"
-"""What a word makes of an origin."""
+"""Effect of a word on an origin."""
 POSITION_CODES = (0x50, 0x60, 0x61, 0x63, 0x73)
 DOUBTFUL_CODES = (0x00, 0x10, 0x30, 0x31, 0x32, 0x33, 0x51, 0x52, 0x53, 0x62, 0xFF)
 """High bytes of emergency codes."""
@@ -72,7 +72,7 @@ class NetworkWatch:
         """Nodes that sent an emergency."""
 
     def words(self, frames: Frames) -> list[Word]:
-        """What was said in a batch, in its order."""
+        """Return what was said in a batch, in its order."""
         looked = self._wanted[np.minimum(frames.identifier, OTHERS)]
         if self._addresses:
             looked |= (frames.identifier & ADDRESS_CLAIM_MASK) == ADDRESS_CLAIM

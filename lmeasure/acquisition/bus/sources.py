@@ -92,7 +92,7 @@ REOPEN_EVERY_S = 0.2
 
 @dataclass(frozen=True)
 class Notice:
-    """What happened to a source: kind of event, what to say about it, when by the frames' clock [s] (this moment if None), frames lost."""
+    """Event of a source: its kind, its text, when by the frames' clock [s] (this moment if None), frames lost."""
 
     kind: str
     text: str
@@ -232,13 +232,13 @@ class BusSource:
 
     @property
     def behind_s(self) -> float:
-        """How long the oldest frame that was not taken yet has waited [s]."""
+        """Return how long the oldest frame that was not taken yet has waited [s]."""
         with contextlib.suppress(IndexError):  # the thread that reads only adds
             return time.monotonic() - self._arrived[0][1]
         return 0.0
 
     def notices(self) -> list[Notice]:
-        """What happened to the bus since the last question."""
+        """Return what happened to the bus since the last question."""
         return [self._notices.popleft() for _ in range(len(self._notices))]
 
     def _shut(self) -> None:
@@ -352,7 +352,7 @@ class ReplaySource:
         return out
 
     def notices(self) -> list[Notice]:
-        """What could not be read of the log, once it has ended."""
+        """Return what could not be read of the log, once it has ended."""
         if self._batches is not None:
             return []
         notes, self._report = self._report.notes(), LogReport()

@@ -35,7 +35,7 @@ PLAY_DEG = 0.5
 
 @dataclass(frozen=True)
 class EncoderCheck:
-    """What one encoder showed; None where nothing moved. turned_deg and back_deg are of the channel that moved."""
+    """Result of one encoder; None where nothing moved. turned_deg and back_deg are of the channel that moved."""
 
     what: str
     channel: str
@@ -48,7 +48,7 @@ class EncoderCheck:
 
 @dataclass(frozen=True)
 class _Motion:
-    """What a person does to one sensor: before, the motion, and back. called: how the sensor is called; act: the motion for a simulated
+    """Actions of a person on one sensor: before, the motion, and back. called: how the sensor is called; act: the motion for a simulated
     cell; about, least: by how much the reading must rise, in the unit; alone: whether the others of its kind must stand still."""
 
     before: str
@@ -140,7 +140,7 @@ def _encoder_once(watch: Watch, one: SensorChannel, motion: _Motion, alike: list
 
 
 REST_S = 1.0
-"""How long the counters are looked at before anything is moved."""
+"""Time of looking at the counters before anything is moved."""
 QUIET_COUNTS = 3.0
 QUIET_DEG = 0.01
 """Spread of a counter at rest, of an encoder whichever is more."""
@@ -155,7 +155,7 @@ FINE = ("wrap", "clock_wrap", "unanswered")
 
 @dataclass(frozen=True)
 class CableCheck:
-    """What one cable showed; None where a step was left out. stroke_mm and slack_mm are of the channel that moved."""
+    """Result of one cable; None where a step was left out. stroke_mm and slack_mm are of the channel that moved."""
 
     cable: str
     channel: str
@@ -189,7 +189,7 @@ class Check(Shown):
         ]
 
     def about(self) -> dict[str, str]:
-        """What each cable and encoder showed, by its name: its faults, or ok and what was counted."""
+        """Return what each cable and encoder showed, by its name: its faults, or ok and what was counted."""
         reported = {
             c.cable: c.faults
             or (message("acquisition.ok_mm_slack_mm", channel=c.channel, _or_not=_or_not(c.stroke_mm), _or_not_=_or_not(c.slack_mm)),)

@@ -1,4 +1,4 @@
-"""What a person is asked to do in a self-test, and how the counters stand meanwhile."""
+"""Requests to a person in a self-test, and the counters meanwhile."""
 
 import math
 import time
@@ -18,17 +18,17 @@ from lmeasure.rig import Rig
 from lmeasure.text import Message, joined, message
 
 PATIENCE_S = 2.0
-"""How much longer for the first of them."""
+"""Additional time for the first of them."""
 LEAST_PULL_MM = 20.0
 LEAST_TURN_DEG = 5.0
-"""What is no motion that was asked for, of a drum's channel and of an encoder's."""
+"""Largest motion that is not a requested one, of a drum's channel and of an encoder's."""
 
 Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
 class Moved:
-    """How far a channel has moved since a step began, in mm or degrees; moves: as far as counts for a motion; wanted: whether it is to."""
+    """Motion of a channel since a step began, in mm or degrees; moves: as far as counts for a motion; wanted: whether it is to."""
 
     channel: str
     by: float
@@ -39,7 +39,7 @@ class Moved:
 
 @dataclass(frozen=True)
 class Step:
-    """What a person is asked to do: which step of how many at most, and how the counters stand meanwhile."""
+    """Request to a person: which step of how many at most, and how the counters stand meanwhile."""
 
     text: str
     number: int
@@ -60,7 +60,7 @@ class Step:
 STILL = 0.02
 """Part of a motion that is asked for, within which channels stand still."""
 HELD_S, READY_S = 1.5, 1.0
-"""How long channels stand still after a motion, and where nothing is to be moved."""
+"""Time that channels are at rest after a motion, and where nothing is to be moved."""
 
 
 class Finished:

@@ -1,4 +1,4 @@
-"""What comes from a source, counted: samples, faults, and the state of things for a person, with a recording behind it or without."""
+"""Counts from a source: samples, faults, and the state of things for a person, with a recording behind it or without."""
 
 import contextlib
 import signal
@@ -21,14 +21,14 @@ from lmeasure.rig import Rig
 from lmeasure.text import message
 
 TURN_S = 0.05
-"""How long one look at the source takes at most."""
+"""Longest time of one look at the source."""
 STALE_S = 2.0
 """For how long a count stands for how things are when no other comes."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """What a person may want to see while counts come: counts, counts/s and mm/s per channel, NaN where none came for `STALE_S`; latency_s
+    """State of counting for a person: counts, counts/s and mm/s per channel, NaN where none came for `STALE_S`; latency_s
     from a frame's own time to its being counted, where one clock tells both."""
 
     seconds: float
@@ -175,7 +175,7 @@ def watch(
 
 
 def nothing_came(counting: Counting) -> str:
-    """What is said where not one sample came."""
+    """Return what is said where not one sample came."""
     channels = ", ".join(f.channel for f in counting.fields)
     why = counting.bus.silence(counting.source.bit_rate or counting.rig.can_table.bit_rate)
     return message("bus.no_sample", bus=counting.source.name, frames=counting.frames, channels=channels, why=why)

@@ -1,4 +1,4 @@
-"""What happened on the way from the device to a count: one event per fault, tied to the sample it concerns."""
+"""Events on the way from the device to a count: one event per fault, tied to the sample it concerns."""
 
 from collections import Counter
 from collections.abc import Sequence

@@ -29,7 +29,7 @@ SHOWN_SEAMS = 3
 
 @dataclass
 class Survey:
-    """What frames there are in a log: how many of each identifier (2^29 above it where extended) and bus, how many error frames."""
+    """Frames of a log: how many of each identifier (2^29 above it where extended) and bus, how many error frames."""
 
     identifiers: Counter[int] = field(default_factory=Counter)
     buses: Counter[str] = field(default_factory=Counter)

@@ -47,7 +47,7 @@ def mf4_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frame
 
 
 def _why(error: Exception) -> str:
-    """What an exception says, in one line; its frames are let go, and with them a file that asammdf could not open, whose end is not
+    """Return what an exception says, in one line; its frames are let go, and with them a file that asammdf could not open, whose end is not
     worth a word."""
     hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:

@@ -144,7 +144,7 @@ def frames_of(columns: Columns, count: int, buses: tuple[str, ...], path: Path) 
 
 
 def read_into(room: memoryview, file: BinaryIO, report: LogReport) -> int:
-    """How many bytes were read into the room; a packed file that breaks off, or is broken, ends there."""
+    """Return how many bytes were read into the room; a packed file that breaks off, or is broken, ends there."""
     try:
         return file.readinto(room)  # type: ignore[attr-defined, no-any-return]
     except (EOFError, OSError, zlib.error) as error:

@@ -1,4 +1,4 @@
-"""What a log holds when nobody says where its counters are: identifiers, rates, which bytes move and how, and a guess at the `[can]` table.
+"""Contents of a log whose counters nobody has located: identifiers, rates, which bytes move and how, and a guess at the `[can]` table.
 
 A counter of a drum moves little from frame to frame against its range; a cyclic number counts the frames; a checksum does anything. So
 bytes are taken for a counter when its steps, the range gone round, stay a small part of the range, and are not all the same.
@@ -118,7 +118,7 @@ class Scan(Shown):
 
     @property
     def times(self) -> str:
-        """What its times are."""
+        """Return what its times are."""
         return message("log.times_of_day" if self.begins_s > DATED_S else "log.times_own")
 
     def table(self) -> list[str]:
@@ -186,7 +186,7 @@ class Heard:
         self._frames += len(batch)
 
     def scan(self, path: Path, dialect: str, notes: tuple[str, ...] = ()) -> Scan:
-        """What they were, by now; there must be some."""
+        """Return what they were, by now; there must be some."""
         carried = tuple(_carried(key, self.found[key]) for key in sorted(self.found))
         carried, sync = _synchronised(carried, [self.found[key] for key in sorted(self.found)])
         begins = min(seen.first_s for seen in self.found.values())
@@ -326,7 +326,7 @@ def _steps(value: IntArray, span: int) -> IntArray:
 
 
 def _movement(place: int, values: Bytes) -> str:
-    """How a byte moves that belongs to no counter; nothing of one that does not."""
+    """Return how a byte moves that belongs to no counter; nothing of one that does not."""
     different = np.unique(values)
     if len(different) == 1:
         return ""
@@ -340,7 +340,7 @@ def _movement(place: int, values: Bytes) -> str:
 
 LOOK_S = 0.1
 LIT_S = 0.6
-"""How long a byte that has moved is shown as moving."""
+"""Time that a byte which has moved is shown as moving."""
 Key = tuple[str, int, bool]
 
 

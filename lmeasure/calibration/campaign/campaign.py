@@ -14,7 +14,7 @@ from lmeasure.sensors import Channels, zeroed_exactly
 from lmeasure.text import message
 
 Source = Literal["tracker", "robot", "unknown"]
-"""What may have measured reference poses."""
+"""Possible sources of reference poses."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -54,7 +54,7 @@ class Campaign(Shown):
     """(n, 6) standard uncertainties of a visit about its reference pose (rotation [rad]; position [mm]), base frame; or None."""
 
     source: Source = "unknown"
-    """What measured the reference poses. The errors of a robot vary smoothly with the pose."""
+    """Source of the reference poses. The errors of a robot vary smoothly with the pose."""
     free_of_play: bool = False
     """Whether the stated play of the rig is already removed from the counts."""
     counted: IntArray | None = None

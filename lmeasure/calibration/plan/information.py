@@ -1,4 +1,4 @@
-"""What counts at a pose would tell: what `estimation.information` sums, for a rig's cables.
+"""Information of counts at a pose, which `estimation.information` sums, for a rig's cables.
 
 What errs at the zero pose is shared by all equations of its cables: the pose, the robot's way of coming to it, where within a count the
 counters were zeroed. These shared errors of the cables are L eta, L L^T their covariance; a pose's own are diag(counts) + P_c U P_c^T.

@@ -43,7 +43,7 @@ MAX_POSES = 200
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """What a plan is for.
+    """Purpose of a plan.
 
     poses: how many to choose (the zero pose among them, unless recorded poses are extended); region: where the robot may go; zone: where
     lengths are to be predicted, default the region; criterion: a key of `CRITERIA`; u_position_mm, u_rotation_rad: standard
@@ -99,7 +99,7 @@ class Plan(Shown):
     broken: tuple[tuple[str, float], ...]
 
     def about(self) -> dict[str, str]:
-        """How many poses, and what they bring."""
+        """Return how many poses, and what they bring."""
         lengths = f"{self.outlook.rms_mm:.4f} mm rms, {self.outlook.worst_mm:.4f} at worst"
         return {"poses": f"{len(self.poses)}, {self.recorded} recorded", "predicted u of lengths": lengths}
 
@@ -273,7 +273,7 @@ def _described(
 
 
 def outlook_of(information: FloatArray, lengths: PredictedLengths) -> Outlook:
-    """What counts with the information (p, p) in prior widths, no prior in it, tell of lengths."""
+    """Return what counts with the information (p, p) in prior widths, no prior in it, tell of lengths."""
     covariance, rank = estimated_covariance(information)
     inside, corners = (np.sum((g @ covariance) * g, axis=2) for g in (lengths.inside, lengths.corners))
     worst = np.maximum(inside.max(axis=0), corners.max(axis=0))
@@ -292,7 +292,7 @@ def _poses(settings: PlanSettings, recorded: Campaign | None, design: Design[Can
 
 
 def _predicted_fit(instrument: Instrument, recorded: Campaign | None, new: Poses) -> tuple[Fit, Model]:
-    """What the estimator itself will say of the plan: its fit to counts as the rig predicts them, not rounded."""
+    """Return what the estimator itself will say of the plan: its fit to counts as the rig predicts them, not rounded."""
     n, m = len(new), len(instrument.cables)
     if recorded is None:
         campaign = Campaign(instrument.rig, new, instrument.cables, np.zeros((n, m)), np.zeros(m, np.int64))

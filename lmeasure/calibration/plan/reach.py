@@ -90,7 +90,7 @@ class Region:
 
 @dataclass(frozen=True)
 class Limits:
-    """What keeps a cable taut and its length defined.
+    """Limits that keep a cable taut and its length defined.
 
     max_wrap_deg: largest angle wrapped on the swivel pulley; beyond 180 the free span turns back across the incoming cable.
     min_span_mm: shortest free span; min and max length_mm: of the way from B to the attachment point, what the drum can take in and pay

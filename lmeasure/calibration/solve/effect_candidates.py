@@ -45,7 +45,7 @@ MOST = 8
 LEAST_TRAIL = 0.02
 """Of the radius: a pulley around which hardly any cable goes is turned by next to nothing."""
 ASK = {RUN_OUT.key: "run-out", ECCENTRICITY.key: "eccentricity", OFFSET.key: "offset"}
-"""What `--solve` calls it."""
+"""Name for `--solve`."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Effect:
     per_unit: float
     key: str
     sized: int | None = None
-    """How many of the components are its size; None: all."""
+    """Number of components that are its size; None: all."""
 
     @property
     def law(self) -> tuple[str, str]:
@@ -78,7 +78,7 @@ class _Fitted:
 
     @cached_property
     def left(self) -> Remainder:
-        """What it leaves of the residuals."""
+        """Return what it leaves of the residuals."""
         left: Remainder = Deletion(self.found)
         for effect in self.by_columns:
             left = left.freed(effect.columns)
@@ -319,5 +319,5 @@ def _of(model: Model, values: FloatArray, j: int) -> FloatArray:
 
 
 def size_of(left: Remainder, effect: Effect) -> float:
-    """How large it would be, in its unit: the length of its components, all together."""
+    """Return how large it would be, in its unit: the length of its components, all together."""
     return float(np.linalg.norm(left.sizes(effect.columns)[: effect.sized])) * effect.per_unit

@@ -1,4 +1,4 @@
-"""How well the poses of a campaign are known, and its cables' lengths: components of the covariance of its residuals."""
+"""Uncertainty of a campaign's poses and cable lengths: components of the covariance of its residuals."""
 
 from dataclasses import dataclass, replace
 from typing import Self

@@ -113,7 +113,7 @@ class CalibrationSettings:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """What is solved for freely: what else is uncertain follows from its prior."""
+        """Return what is solved for freely: what else is uncertain follows from its prior."""
         return self.solve or ("position", "guide")
 
 

@@ -1,4 +1,4 @@
-"""How well the calibrated rig predicts lengths and poses over its workspace: what matters, where B alone misleads."""
+"""Prediction of lengths and poses by the calibrated rig over its workspace. It matters; B alone misleads."""
 
 from dataclasses import dataclass
 

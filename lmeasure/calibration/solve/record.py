@@ -118,7 +118,7 @@ def _validation(model: Model, found: Fit) -> dict[str, object]:
 
 
 def held_out_entry(poses: list[HeldOut]) -> dict[str, object]:
-    """How well poses that took no part were predicted, beside what the record's uncertainties let expect."""
+    """Return how well poses that took no part were predicted, beside what the record's uncertainties let expect."""
     if not poses:
         return {}
     error, u = np.concatenate([p.error_mm for p in poses]), np.concatenate([p.u_mm for p in poses])
@@ -137,7 +137,7 @@ def held_out_entry(poses: list[HeldOut]) -> dict[str, object]:
 
 
 def nominal_entry(compared: AgainstNominal | None) -> dict[str, object]:
-    """How poses left out were predicted by the calibrated and by the nominal rig."""
+    """Return how poses left out were predicted by the calibrated and by the nominal rig."""
     return {} if compared is None else {"against_nominal": asdict(compared)}
 
 

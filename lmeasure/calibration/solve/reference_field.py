@@ -12,7 +12,7 @@ import numpy as np
 from lmeasure.core import FloatArray, se3
 
 REACHES = (600.0, 3000.0)
-"""How far such errors are alike [mm], a turn counting as what it moves at `ARM_MM`."""
+"""Distance within which such errors are alike [mm], a turn counting as what it moves at `ARM_MM`."""
 ARM_MM = 1000.0
 HELD_MM = 30.0
 FIELD_MM = {"unknown": 0.3, "robot": 0.3}

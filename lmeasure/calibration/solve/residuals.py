@@ -1,4 +1,4 @@
-"""What a calibration solves for, and the residuals of a campaign as a function of it."""
+"""Unknowns of a calibration, and the residuals of a campaign as a function of it."""
 
 import math
 from collections.abc import Mapping
@@ -37,7 +37,7 @@ ROTATIONS = (0, 1, 2)
 
 
 def unknowns_of(campaign: Campaign, solve: tuple[str, ...]) -> Parameters:
-    """What to solve for: the named groups, and every assumed value, for the points whose cables were measured."""
+    """Return what to solve for: the named groups, and every assumed value, for the points whose cables were measured."""
     return parameters_of(campaign.rig, campaign.cables, solve)
 
 
@@ -127,7 +127,7 @@ class Residuals(Problem):
 
     @property
     def pose_unknowns(self) -> int:
-        """How many unknowns each pose has of its own."""
+        """Return how many unknowns each pose has of its own."""
         return len(self.free)
 
     @property
@@ -146,7 +146,7 @@ class Residuals(Problem):
         return list(range(6)) if 3 in self.free else list(ROTATIONS)
 
     def _stated(self) -> Noise:
-        """What the poses' file states about that which is not unknown."""
+        """Return what the poses' file states about that which is not unknown."""
         poses = self.campaign.poses
         stated = Noise.of(poses)
         if not len(self.free):
@@ -201,7 +201,7 @@ class Residuals(Problem):
         return replace(self._parts, values=np.where(solved, theta[self._further], self._parts.values), pulleys=pulleys)
 
     def _of_parts(self, theta: FloatArray) -> tuple[FloatArray, tuple[FloatArray, FloatArray], FloatArray, FloatArray]:
-        """What `Parts` ask for: rows, zero poses and counts, poses, and counts of the drums."""
+        """Return what `Parts` ask for: rows, zero poses and counts, poses, and counts of the drums."""
         rows, _, counts = self.cables(theta)
         poses, zero = self.poses(theta), self.campaign.zero[: self._drums]
         k = np.ascontiguousarray(counts[:, : self._drums])

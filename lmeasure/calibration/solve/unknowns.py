@@ -59,7 +59,7 @@ class Model(Residuals):
 
     @property
     def readings(self) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """What the residuals err by from reading the counters: whole counts, or means of dwells as `Campaign` has them.
+        """Return what the residuals err by from reading the counters: whole counts, or means of dwells as `Campaign` has them.
 
         (e,) variances [mm^2] of the readings at the poses; (e, z) the residuals' errors [mm] by one standard deviation of what each zero
         reading is off, which residuals of a cable share; (z,) whether that is uniform: where within a whole count the counter was zeroed,

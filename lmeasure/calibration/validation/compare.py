@@ -84,7 +84,7 @@ class LengthShift:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What moved between two calibrations; together: the joint test of all values; lengths: of cables, where the new campaign is at hand;
+    """Changes between two calibrations; together: the joint test of all values; lengths: of cables, where the new campaign is at hand;
     notes: what could not be compared."""
 
     source: str

@@ -43,7 +43,7 @@ GROSS_MM = 1.0
 """Residuals that no reference pose or rounding makes, but a slip of this kind does."""
 
 AGREES = 3.0
-"""How many times the stated noise residuals may be that what was applied leaves over."""
+"""Largest ratio of residuals to the stated noise that what was applied leaves over."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What may be wrong with a campaign: reference poses, lengths that err on their own, values that are taken as exact."""
+"""Explanations of a misfit of a campaign: reference poses, lengths that err on their own, values that are taken as exact."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a reader of a calibration must know beside its values, in words: what the counts leave open, and what is odd about the result."""
+"""Findings of a calibration beside its values, in words: undetermined directions, and oddities about the result."""
 
 import math
 
@@ -101,7 +101,7 @@ def _group_size(parts: list[Variable], dimensions: Dimensions) -> float:
 
 
 def _least_size(v: Variable, sized: Sized, dimensions: Dimensions) -> float:
-    """How large the error of a part is at least (with 95 %), in units of the typical size."""
+    """Return how large the error of a part is at least (with 95 %), in units of the typical size."""
     if v.kind.adds is None:
         return sized.play.get(v.owner, 0.0)
     at = [dimensions.names.index(name) for name in v.names]
@@ -109,7 +109,7 @@ def _least_size(v: Variable, sized: Sized, dimensions: Dimensions) -> float:
 
 
 def poses_findings(model: Model, found: Fit) -> list[Finding]:
-    """What was unknown of the poses, and what holds the frame."""
+    """Return what was unknown of the poses, and what holds the frame."""
     if not model.pose_unknowns:
         return []
     n, d = len(model.at), model.pose_unknowns

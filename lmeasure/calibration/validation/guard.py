@@ -16,7 +16,7 @@ SIGNIFICANT = 1e-3
 LEAST = 5  # poses
 
 BETTER = 3.0
-"""How many times better than the nominal rig's the predictions must be of a rig whose residuals are gross."""
+"""Number of times better than the nominal rig's the predictions must be of a rig whose residuals are gross."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What each pose and channel says about the others: deletion residuals, outlier poses, slipped counters, poses held out."""
+"""Evidence of each pose and channel about the others: deletion residuals, outlier poses, slipped counters, poses held out."""
 
 import math
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class HeldOut:
 
 
 def held_out(whole: Model, theta: FloatArray, fit: Fit, poses: tuple[str, ...]) -> list[HeldOut]:
-    """How a fit does at poses that it has not seen. whole is the model of all poses, these among them; theta the fit's values of its
+    """Return how a fit does at poses that it has not seen. whole is the model of all poses, these among them; theta the fit's values of its
     unknowns, with those of the poses held out, if they have unknowns of their own, fitted to their own lengths: then the errors are what
     these leave over."""
     campaign, names = whole.campaign, whole.names

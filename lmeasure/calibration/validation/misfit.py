@@ -31,7 +31,7 @@ _OPTIONS = {"position": "--u-position-mm", "rotation": "--u-rotation-deg"}
 
 @dataclass(frozen=True)
 class Explained:
-    """What residuals were put down to: the problem as it is solved now, its fit, findings; whether a noise level was estimated from the
+    """Explanation of residuals: the problem as it is solved now, its fit, findings; whether a noise level was estimated from the
     residuals; u_length_mm (m,): what the lengths of each cable err by on their own, at other poses as here, and angles at `ARM_MM`."""
 
     model: Model
@@ -40,7 +40,7 @@ class Explained:
     estimated: bool
     u_length_mm: FloatArray
     sized: Sized | None = None
-    """What was estimated of sizes that nobody stated."""
+    """Estimates of sizes that nobody stated."""
 
     @property
     def averaged(self) -> Sized | None:
@@ -92,7 +92,7 @@ def _rms(found: Fit) -> float:
 
 
 def _covered(state: State[Model], findings: list[Finding], before: float) -> Explained:
-    """What is left unexplained goes into the covariance, and into the lengths."""
+    """Return what is left unexplained goes into the covariance, and into the lengths."""
     model, found = state.problem, state.fit
     known = model.noise.u_length_mm
     u_length = np.maximum(np.zeros(len(model.campaign.cables)) if known is None else known, np.where(_drawn(model), state.doubt, 0.0))
@@ -133,7 +133,7 @@ def _size(state: State[Model], name: str, channel: str | None = None) -> float:
 
 
 def _smooth(sized: Sized) -> list[Finding]:
-    """How far smooth errors of the reference poses limit the calibration, where a robot measured them or seems to have."""
+    """Return how far smooth errors of the reference poses limit the calibration, where a robot measured them or seems to have."""
     model, source = sized.model, sized.model.campaign.source
     own = {name: size for name, size in sized.size.items() if name.startswith("field_")}
     if not own:
@@ -158,7 +158,7 @@ def _moved(sized: Sized) -> list[Finding]:
 
 
 def _told(state: State[Model], begun: State[Model]) -> list[Finding]:
-    """What was taken, in words."""
+    """Return what was taken, in words."""
     rms, out = _rms(begun.fit), []
     for group in state.groups:
         rest = message("calibration.exceed.solved", values=message(f"calibration.values.{group}"), group=group)

@@ -1,4 +1,4 @@
-"""What the counts cannot tell: per observation point the directions in which only the prior speaks, in numbers and words."""
+"""Unobservable directions: per observation point those in which only the prior speaks, in numbers and words."""
 
 from collections.abc import Iterable
 
@@ -40,7 +40,7 @@ def unobservable_directions(unknowns: Parameters, silent: FloatArray, sight: dic
 
 
 def _text(owner: str, keys: list[str], change: FloatArray, vector: FloatArray, sight: FloatArray | None) -> Message:
-    """What moves together by how much (one prior standard uncertainty along the direction) without changing a count."""
+    """Return what moves together by how much (one prior standard uncertainty along the direction) without changing a count."""
     by_key = dict(zip(keys, change, strict=True))
     parts: list[Message | tuple[Message, ...]] = []
     move = np.array([by_key.get(k, 0.0) for k in PLACE])

@@ -82,7 +82,7 @@ COMMENTS = ("#", "%", "//")
 SECTIONS = ("Segments", "Trajectories", "Joints", "Devices", "Model Outputs", "Events", "Forces")
 """First lines of a section of Nexus."""
 BODY = "body"
-"""What `--columns` calls the choice of one of several bodies."""
+"""Name in `--columns` for the choice of one of several bodies."""
 _NUMBER = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?")
 
 

@@ -27,7 +27,7 @@ UNIT_TOLERANCE = 1e-3
 TIMES = ("time", "timestamp", "t")
 """Headers of a column of times, beside a unit of theirs or clock times."""
 INDEX = ("", "Unnamed: 0")
-"""What a first column without a name is called: not at all, or by pandas, which has read and written it again."""
+"""Names of a first column without a name: not at all, or by pandas, which has read and written it again."""
 _GROUPS = {"x": ("Position", "T"), "y": ("Position", "T"), "z": ("Position", "T")}
 """Of several columns of one name in a header of several rows, those of places."""
 
@@ -45,7 +45,7 @@ class ForeignTable:
         self._asked = set[str]()
         """Names by which columns were looked for."""
         self.read_as = ""
-        """How the orientation was read: columns and convention; empty before, and where there is none."""
+        """Reading of the orientation: columns and convention; empty before, and where there is none."""
         self.unread: tuple[str, ...] = ()
         """Columns that look like angles, of a convention that nobody states."""
         self.day = ""

@@ -82,7 +82,7 @@ def corners_of(crossings: Crossings) -> list[Corner]:
 
 @dataclass(frozen=True)
 class Passing:
-    """How a cycle passes a corner.
+    """Passage of a corner by a cycle.
 
     nearest (3,) from the corner to the nearest point of the path, at part of the step between two samples; behind: its samples from the one
     before the nearest point on, half way to the next corner; beyond (k,) [mm]: how far they, or the means of so many neighbours each, lie
@@ -127,7 +127,7 @@ class Passing:
 
 
 def at_corner(cycle: Cycle, corner: Corner, what: str) -> Passing:
-    """How a cycle passes a corner; what: the cycle, for CertificationError when it does not."""
+    """Return how a cycle passes a corner; what: the cycle, for CertificationError when it does not."""
     near = np.flatnonzero((cycle.way_mm > corner.way_mm - 0.5 * corner.before_mm) & (cycle.way_mm < corner.way_mm + 0.5 * corner.after_mm))
     if len(near) < 2:
         raise CertificationError(message("error.has_samples_within_half", where=what, n_near=len(near), number=corner.number))
@@ -229,8 +229,8 @@ def tests(attained: Attainment) -> Iterator[CornerTest]:
 
 @dataclass(frozen=True)
 class CornerPart:
-    """What n cycles do at a corner with the law of the errors of one sample there (n poses); see `uncertainty.Part`. every: of a curve, the
-    errors of the nearest samples and of all behind them.
+    """Passages of n cycles at a corner with the law of the errors of one sample there (n poses); see `uncertainty.Part`. every: of a
+    curve, the errors of the nearest samples and of all behind them.
 
     The state is the vectors (..., n, 3) [mm] to the nearest points, and how far beyond the second line (..., n, k, 1) [mm] the path lies:
     between samples about the farthest, and at all other samples that may be the farthest in truth.

@@ -27,7 +27,7 @@ class GroupTest(IsoTest):
 
     @property
     def make(self) -> Maker:
-        """What its figures have in common."""
+        """Return what its figures have in common."""
         return Maker(cycles=len(self.groups), needs=(self.subject,), pose=self.subject.name, angles=self.convention)
 
 

@@ -1,4 +1,4 @@
-"""How a robot comes to rest: pose stabilisation time and overshoot (clauses 7.4 and 7.5), and minimum posing time (clause 9).
+"""Settling of a robot: pose stabilisation time and overshoot (clauses 7.4 and 7.5), and minimum posing time (clause 9).
 
 Limits are crossed and extremes taken between samples: `motion_readings` says how a motion is read there and what it errs by.
 Errors common to the run cancel in distances from where the robot stands.
@@ -42,7 +42,7 @@ class RestTest(IsoTest):
         return band
 
     def not_reached(self, reported: Reported, code: str, band_mm: float, **of: str) -> Message | None:
-        """What is to be said of the first cycle that does not reach its band."""
+        """Return what is to be said of the first cycle that does not reach its band."""
         for cycle, ((start, end), reached) in enumerate(zip(self.windows, reported.reached, strict=True), 1):
             if not reached:
                 return message(code, **of, cycle=cycle, band_mm=band_mm, start_s=start, end_s=end)

@@ -47,7 +47,7 @@ class Weave:
 
     @property
     def strokes(self) -> int:
-        """How many strokes lie between the crossings of the middle."""
+        """Return how many strokes lie between the crossings of the middle."""
         return len(self.y) - 2
 
 

@@ -78,14 +78,14 @@ def cube_in_zone(path: Path, plane: str = PLANES[0]) -> Cube:
 
 TESTS = ("pose", "approach", "stabilisation", "drift", "path", "reorientation", "posing", "compliance", "weaving")
 CYCLES = {"pose": 30, "approach": 30, "stabilisation": 3, "path": 10, "reorientation": 10, "posing": 3, "compliance": 3, "weaving": 3}
-"""How often each test is done; the drift test has groups of ten cycles."""
+"""Number of cycles of each test; the drift test has groups of ten cycles."""
 MOST_CYCLES = 10_000
 LONGEST_DRIFT_S = 100.0 * 3600.0
 
 
 @dataclass(frozen=True)
 class Tests:
-    """What is tested, and how.
+    """Tests and their settings.
 
     tests: names of `TESTS`; quaternion (4,): the tool's orientation, base frame; speed_mm_s: rated speed between poses, path_speed_mm_s: on
     paths; speeds_percent of them and loads_kg: conditions of the pose and path tests, the first for all others; dwell_s: rest at a pose
@@ -157,7 +157,7 @@ class Tests:
         return 0.01 * self.speeds_percent[0] * rated_mm_s
 
     def count(self, test: str) -> int:
-        """How many cycles a test has."""
+        """Return how many cycles a test has."""
         return self.cycles.get(test, CYCLES[test])
 
 

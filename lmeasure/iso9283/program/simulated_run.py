@@ -37,7 +37,7 @@ RAMP_S = (0.08, 0.03)
 
 @dataclass(frozen=True)
 class RobotRun:
-    """What a scenario with a robot gives: counts and true poses, how the robot performed, as drawn and as it was built, the program of
+    """Results of a scenario with a robot: counts and true poses, how the robot performed, as drawn and as it was built, the program of
     its rests where the commands' file is none of a program, and remarks."""
 
     simulated: Simulated
@@ -191,7 +191,7 @@ def _rest(drawn: AnyRobot) -> FloatArray:
 
 
 def _remarks(drawn: AnyRobot, nominal: Mounted, done: Performance, *, programmed: bool) -> tuple[str, ...]:
-    """What a person should know before believing such a robot."""
+    """Return what a person should know before believing such a robot."""
     ends = np.array([command.poses[-1] for command in done.commands])
     out = []
     if isinstance(drawn, ParallelFile):

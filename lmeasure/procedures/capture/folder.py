@@ -81,7 +81,7 @@ class CaptureFolder:
 
     @property
     def u_repeatability_mm(self) -> float:
-        """How exactly the robot comes back, 0 where nobody states it."""
+        """Return how exactly the robot comes back, 0 where nobody states it."""
         table = files.read_table(self.path / "reference_poses.csv")
         return float(table.numbers(UNCERTAINTIES[2]).max()) if UNCERTAINTIES[2] in table.columns else 0.0
 

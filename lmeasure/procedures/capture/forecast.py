@@ -1,4 +1,4 @@
-"""What the readings of a capture are worth so far, and what the next one should show: the calibration's own model and planning figures."""
+"""Value of a capture's readings so far, and the expected next one: the calibration's own model and planning figures."""
 
 import math
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ POSES_TRIED = 64
 
 @dataclass(frozen=True)
 class Worth:
-    """What readings tell: how many of the unknowns' directions, the 95 % uncertainty of a length over the poses' box [mm], its root mean
+    """Value of readings: how many of the unknowns' directions, the 95 % uncertainty of a length over the poses' box [mm], its root mean
     square and largest with the cable, and the largest 95 % radius of a position there [mm], None where the cables tell no pose."""
 
     rank: int
@@ -41,7 +41,7 @@ class Worth:
 
 @dataclass(frozen=True)
 class Expected:
-    """How far the lengths (m,) counted at a pose are from those expected there [mm], and the standard uncertainty of that."""
+    """Distances of the lengths (m,) counted at a pose from those expected there [mm], and the standard uncertainty of that."""
 
     cables: tuple[Cable, ...]
     off_mm: FloatArray

@@ -1,4 +1,4 @@
-"""What the readings in a capture's folder tell so far: the campaign a calibration will find there, its worth, the counts expected next."""
+"""Progress of the readings in a capture's folder: the campaign a calibration will find there, its worth, the counts expected next."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -64,7 +64,7 @@ class Progress:
         return self._forecast.expected(self._campaign, poses.of(np.array([poses.names.index(pose)])), self._true_counts(mean)[None, :])
 
     def _read_campaign(self) -> Campaign | None:
-        """What the calibration will find in the folder, of this pass."""
+        """Return what the calibration will find in the folder, of this pass."""
         folder = self._folder
         readings, poses = folder.of_pass, folder.poses
         if not readings or not poses.oriented:

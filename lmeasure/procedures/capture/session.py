@@ -40,7 +40,7 @@ def pose_line(poses: Poses, name: str, angles: str) -> str:
 
 
 def reading_lines(reading: Reading, channels: tuple[str, ...], u: FloatArray) -> list[str]:
-    """What was counted: means with their standard uncertainties u (m,) [counts]."""
+    """Return what was counted: means with their standard uncertainties u (m,) [counts]."""
     lasts = reading.time_s[-1] - reading.time_s[0]
     lines = [message("capture.read_counts_each_channel", count=len(reading.counts), lasts=lasts, v3=reading.spread.max())]
     reported = [f"{c} {mean:.2f} (u {err:.2f})" for c, mean, err in zip(channels, reading.mean, u, strict=True)]
@@ -48,7 +48,7 @@ def reading_lines(reading: Reading, channels: tuple[str, ...], u: FloatArray) ->
 
 
 def worth_line(worth: Worth, readings: int, code: str = "capture.u95_now_lengths_mm") -> str:
-    """How well lengths and positions would be known if nothing more were read; code is that of the text."""
+    """Return how well lengths and positions would be known if nothing more were read; code is that of the text."""
     if not worth.enough(readings):
         return message("capture.least_poses_too_few", readings=readings, least=worth.least)
     left = worth.unknowns - worth.rank
@@ -80,7 +80,7 @@ def surprise(expected: Expected) -> str:
 
 
 def expected_line(expected: Expected) -> str:
-    """How the counts agree with what was expected of them."""
+    """Return how the counts agree with what was expected of them."""
     if surprising(expected).any():
         return message("capture.unexpected", what=surprise(expected))
     j = int(np.argmax(np.abs(expected.off_mm)))
@@ -112,7 +112,7 @@ class Trust:
 
     @property
     def why(self) -> str:
-        """What is to be said against them."""
+        """Return what is to be said against them."""
         return joined(composed("{channel} {what}", channel=channel, what=what) for channel, what in self.doubts.items()) or (
             message("capture.this_new_session") if self.resumed else ""
         )
@@ -158,7 +158,7 @@ ORIGIN_LOST = ("reset", "lost_wrap")
 
 @dataclass(frozen=True)
 class Settings:
-    """How readings are taken: by a key, by a rest or by both; seconds of a dwell, and how long the robot must have stood
+    """Way of taking readings: by a key, by a rest or by both; seconds of a dwell, and how long the robot must have stood
     before it; whether the first pose is read again at the end."""
 
     by: By = "both"
@@ -179,7 +179,7 @@ class Session:
         self.skipped: set[str] = set()
         self._wanted, self._idle = False, False
         self.behind_s = 0.0
-        """How old the newest sample is where more wait [s]."""
+        """Age of the newest sample where more wait [s]."""
         self._asked_s = self._held_s = self._lacking_s = -np.inf
         self.trust = Trust(folder.rig, folder.channels, folder.passage, bool(folder.of_pass))
         self._seen_events = 0
@@ -204,7 +204,7 @@ class Session:
 
     @property
     def to_read(self) -> int:
-        """How many readings there will be, the return among them."""
+        """Return how many readings there will be, the return among them."""
         return len(self.poses) - len(self.skipped) + self.settings.closure
 
     @property
@@ -353,7 +353,7 @@ class Session:
 
     @property
     def doubt(self) -> str:
-        """What keeps counts from being believed, or from coming; empty where nothing does."""
+        """Return what keeps counts from being believed, or from coming; empty where nothing does."""
         if self._idle:
             return message("capture.no_counts_come_from_bus")
         if self.lost:

@@ -83,7 +83,7 @@ class Checked(Shown):
 
     @property
     def causes(self) -> tuple[Cause, ...]:
-        """What may have changed, one where the data tell it."""
+        """Return what may have changed, one where the data tell it."""
         return self.agreement.named if self.agreement is not None and self.disagrees else ()
 
     def about(self) -> dict[str, str]:
@@ -155,7 +155,7 @@ def _reconstruction(run: Run, aligned: Alignment) -> Reconstruction:
 
 
 def as_dict(found: Checked) -> dict[str, Any]:
-    """What a check's file holds."""
+    """Return what a check's file holds."""
     stops, reported = found.stops, found.agreement
     return {
         "schema": "lmeasure.check-instrument/1",
@@ -198,7 +198,7 @@ def said(found: Checked, language: str = "en") -> list[str]:
 
 
 def moved_text(c: Cause) -> str:
-    """What has changed, in words."""
+    """Return what has changed, in words."""
     unit = message(f"unit_sign.{c.unit}") if c.unit in ("mm", "deg", "%") else c.unit
     return message(f"check_line.moved.{c.kind}", name=c.name, size=c.size, unit=unit, u=c.u)
 

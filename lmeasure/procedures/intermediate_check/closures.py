@@ -1,4 +1,4 @@
-"""What must close in a check, by how much it does not, and what the calibration, the counts and the robot let expect.
+"""Closures of a check: their sizes, and those expected from the calibration, the counts and the robot.
 
 Two visits of one place differ by what their counts were rounded, by what the robot comes back to otherwise, and by errors that act
 otherwise at the two, of which calibration, phase and start are none: the covariance of the difference of poses i and j is

@@ -28,7 +28,7 @@ POWER = 0.8
 
 @dataclass(frozen=True)
 class Cause:
-    """What may have changed: kind (point, attachment, encoder, drum, start), name, size of the change and its standard uncertainty in unit;
+    """Possible change: kind (point, attachment, encoder, drum, start), name, size of the change and its standard uncertainty in unit;
     rest: chi-squared that it leaves, with twice its degrees of freedom; detectable: the size that would be seen with `POWER`, the mean
     over directions; untold: whether the stops do not tell it."""
 
@@ -54,7 +54,7 @@ class Verdict:
 
 
 def agreement(reconstruction: Reconstruction, stops: Stops, alarm: float) -> Verdict | None:
-    """What the stops say with the given rate of false alarms; None where there are no more channels than unknowns."""
+    """Return what the stops say with the given rate of false alarms; None where there are no more channels than unknowns."""
     # what the run determined of its origins is not compared with the run: they are uncertain as they were before
     readings = stops.readings + reconstruction.budget.offsets(stops.begin_s)
     reconstruction = reconstruction.with_estimate(None)

@@ -1,4 +1,4 @@
-"""How uncertain an identified robot is far from the joint values at which it was measured.
+"""Uncertainty of an identified robot far from the joint values at which it was measured.
 
 The covariance of the parameters is right where the model is right. A real robot has errors that the model lacks, and the parameters absorb
 part of them. Near the measured joint values this does no harm; far from them the parameters extrapolate it. The leverage of a pose, the

@@ -1,4 +1,4 @@
-"""How good an identification is where it was not made: rows held out, error against number of poses, and what was worth freeing."""
+"""Accuracy of an identification at poses that it has not used: rows held out, error against number of poses, and what was worth freeing."""
 
 import math
 from collections.abc import Sequence
@@ -141,7 +141,7 @@ def learning_curve(found: Identified[R], seed: int = 0) -> list[tuple[int, float
 
 
 def beyond(found: Identified[R]) -> Beyond:
-    """How predictions far from the measured joint values are to be widened: by what blocks of the measurements show of each other.
+    """Return how predictions far from the measured joint values are to be widened: by what blocks of the measurements show of each other.
 
     The rows are cut in two along each joint, each coordinate and the distance from the robot's base, at a third, the middle and two thirds,
     and each part predicts the other. Where the parts' parameters differ by more than their covariances allow (a Chow test over all cuts),
@@ -342,7 +342,7 @@ def _by_stays(more: FloatArray, jacobian: FloatArray, residuals: FloatArray, sta
 
 
 def _determined(jacobian: FloatArray, prior: FloatArray, which: BoolArray) -> int:
-    """How many directions the rows determine among these unknowns."""
+    """Return how many directions the rows determine among these unknowns."""
     white = jacobian[:, which] / np.sqrt(prior[which])
     return int((np.linalg.eigvalsh(white.T @ white) > 1.0).sum())
 
@@ -375,8 +375,8 @@ def _frames(fit: Fit[R]) -> Frames:
 FALSE_ALARM = 1e-3
 """Probability with which a family that the robot has nothing of is freed."""
 AMONG = ("once", "twice", "scale", "stiffness")
-"""What is freed without being asked for. Not play: on which side of it a joint lies only rows tell that stand in the order they were gone
-to, and whatever else went on in that order, as heat does, looks like it."""
+"""Families that are freed without a request. Not play: on which side of it a joint lies only rows tell that stand in the order they were
+gone to, and whatever else went on in that order, as heat does, looks like it."""
 
 
 def identify_with_choice(robot: R, rows: Measurements, settings: Settings | None = None, among: Sequence[str] = AMONG) -> Identified[R]:

@@ -40,7 +40,7 @@ FAMILIES: dict[str, tuple[str, ...]] = {
     "stiffness": ("compliance_deg_per_nm", "compliance_mm_per_n"),
     "backlash": ("backlash_deg", "backlash_mm"),
 }
-"""What may be freed, by the ends of the parameters' names; a parameter of none of them is freed with the links."""
+"""Families that may be freed, by the ends of the parameters' names; a parameter of none of them is freed with the links."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Settings:
     own_noise: bool = True
     """Whether the robot errs beyond what is stated of the measurements; not where poses of both are stated."""
     u_links_mm: float | None = None
-    """How exactly lengths of links or legs were built to their drawing, as a standard uncertainty; None: as parameters have it."""
+    """Standard uncertainty of the nominal lengths of links or legs; None: as parameters have it."""
     u_links_deg: float | None = None
     """The same of angles."""
 
@@ -65,7 +65,7 @@ class Settings:
 
 @dataclass(frozen=True, repr=False)
 class Identified(Shown, Generic[R]):
-    """What was found. rows: as measured, with `kept` of them not set aside; findings: in the order in which they were made."""
+    """Result of an identification. rows: as measured, with `kept` of them not set aside; findings: in the order in which they were made."""
 
     nominal: R
     fit: Fit[R]
@@ -79,7 +79,7 @@ class Identified(Shown, Generic[R]):
     misfit: float = 1.0
     """How many times what is stated of predictions rows that were held out are off, where that is more (`hold_out.HeldOut.misfit`)."""
     beyond: Beyond = NOWHERE
-    """How predictions far from the measured joint values are widened (`hold_out.beyond`)."""
+    """Widening of predictions far from the measured joint values (`hold_out.beyond`)."""
     state: State[R] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -104,7 +104,7 @@ class Identified(Shown, Generic[R]):
 
     @property
     def stays(self) -> int:
-        """How many stays of the robot the used rows were measured at."""
+        """Return how many stays of the robot the used rows were measured at."""
         return len(np.unique(self.fit.problem.rows.stay))
 
     @property
@@ -117,7 +117,7 @@ class Identified(Shown, Generic[R]):
 
     @property
     def noise(self) -> Noise:
-        """What the robot itself adds."""
+        """Return what the robot itself adds."""
         return self.fit.problem.noise
 
     @property
@@ -149,7 +149,7 @@ class Identified(Shown, Generic[R]):
 
     @property
     def robot_mm(self) -> float:
-        """What the robot adds to each coordinate of its first target, as a standard deviation."""
+        """Return what the robot adds to each coordinate of its first target, as a standard deviation."""
         row = self.fit.problem.rows.of(np.array([0]))
         return float(np.sqrt(np.trace(self.of_robot(replace(row, target_of=np.zeros(1, dtype=np.int64)))[0]) / 3.0))
 

@@ -1,4 +1,4 @@
-"""What `lmeasure identify` is given: a table of joint values and places, or places of one instrument and joint values of their own.
+"""Inputs of `lmeasure identify`: a table of joint values and places, or places of one instrument and joint values of their own.
 
 The places may be a run of cables, the trajectory of any instrument, of which the rests are taken, or points by name.
 """

@@ -1,4 +1,4 @@
-"""What an instrument measured of a robot: joint values, and for each the place, the pose, or the distance of a target on its flange; and
+"""Measurements of a robot by an instrument: joint values, and for each the place, the pose, or the distance of a target on its flange; and
 notes on it."""
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What measurements tell of a robot's parameters and what they cannot, in numbers and words."""
+"""Observability of a robot's parameters, in numbers and words."""
 
 from dataclasses import dataclass
 
@@ -84,7 +84,7 @@ def unknown_frames(fit: Fit[R]) -> list[Silent]:
 
 
 def _plain(owner: str) -> Message:
-    """What a frame is called."""
+    """Return what a frame is called."""
     if owner in ("base", "tool", "instrument"):
         return message(f"identify.frame.{owner}")
     kind, _, name = owner.partition("_")

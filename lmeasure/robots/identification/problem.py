@@ -79,7 +79,7 @@ class Problem(estimation_Problem, Generic[R]):
     weight: FloatArray | None = None
     """(N,) by which rows count, `estimation.robust.biweights` of what all others say of them; None: all alike."""
     trust: float = 1.0
-    """What the weighted rows are worth together (`estimation.robust.trust`)."""
+    """Value of the weighted rows together (`estimation.robust.trust`)."""
     scatter: Scatter = NOTHING
     """Of readings about the rows, which are their means."""
     parameters: Parameters = field(init=False, compare=False, repr=False)
@@ -183,7 +183,7 @@ class Problem(estimation_Problem, Generic[R]):
         return out
 
     def linearised(self, theta: FloatArray) -> "Linear":
-        """What the unknowns predict at theta (p,) and near it."""
+        """Return what the unknowns predict at theta (p,) and near it."""
         residuals, jacobian = self.unknowns.linearised(theta * self.unknowns.size, self.rows)
         return Linear(residuals, jacobian * self.unknowns.size)
 

@@ -14,7 +14,7 @@ from lmeasure.robots.model import RobotModel
 from lmeasure.text import Message, message
 
 OF_THE_PLACE = ("x", "y", "z", "length")
-"""What columns of the measured place are called, and joints are not determined by."""
+"""Names of columns of the measured place, and joints are not determined by."""
 
 
 def read_measurements(

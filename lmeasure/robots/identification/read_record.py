@@ -56,7 +56,7 @@ class Placed:
 
     @property
     def reach_mm(self) -> float:
-        """How far from the stated base the stated flange can be [mm]."""
+        """Return how far from the stated base the stated flange can be [mm]."""
         return self.robot.reach_mm + float(np.linalg.norm(self.stand[:3]) + np.linalg.norm(self.seat[:3]))
 
     def moved(self, change: FloatArray) -> Self:

@@ -1,4 +1,4 @@
-"""What an identification leaves behind: its record, the corrected robot, and predictions as files have them."""
+"""Results of an identification: its record, the corrected robot, and predictions as files have them."""
 
 import json
 from collections.abc import Sequence

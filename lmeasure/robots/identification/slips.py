@@ -27,7 +27,7 @@ CURES = 4.0
 """Times by which the misfit must shrink for a slip to be named, while one is looked for."""
 MOST = 3
 SMALLEST_MM, LARGEST_MM = 50.0, 30_000.0
-"""How far robots reach."""
+"""Reach of robots."""
 SPREAD = 0.003, 2.0
 """Of measured places, in parts of the reach: what a robot can do."""
 ENOUGH = 80
@@ -109,7 +109,7 @@ def _impossible(robot: AnyRobot, rows: Measurements) -> bool:
 
 
 def _size(robot: AnyRobot) -> float:
-    """How far its places can spread [mm]."""
+    """Return how far its places can spread [mm]."""
     if isinstance(robot, Robot):
         return reach_mm(robot.arm)
     if isinstance(robot, ParallelFile):

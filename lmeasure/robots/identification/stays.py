@@ -28,7 +28,7 @@ KINDS = (ROTATION, POSITION)
 
 @dataclass(frozen=True)
 class Scatter:
-    """How readings scatter about the mean of their stay: sum of squares and degrees of freedom, each (2,) of turns [rad²] and of positions
+    """Scatter of readings about the mean of their stay: sum of squares and degrees of freedom, each (2,) of turns [rad²] and of positions
     and lengths [mm²]."""
 
     square: FloatArray

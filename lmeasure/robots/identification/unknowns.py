@@ -1,4 +1,4 @@
-"""What an identification asks for, and how the measurements depend on it: residuals, their derivatives, priors and names.
+"""Unknowns of an identification, and the dependence of the measurements on them: residuals, their derivatives, priors and names.
 
 The unknowns x are changes from a start: of the robot's freed parameters (rad, mm, from their nominal values), of the base's pose in the
 instrument's frame, of every target's place, and pose where it was measured, on the flange, and of every station's place. Turns are
@@ -77,7 +77,7 @@ class Unknowns(Generic[R]):
         names += [f"station_{name}.{key}" for name in rows.stations for key in _AXES]
         sizes += [1.0] * (3 * len(rows.stations))
         self.asked = len(names)
-        """How many unknowns somebody asks for: all but the instrument's errors, which are the last."""
+        """Number of requested unknowns: all but the instrument's errors, which are the last."""
         shared = rows.systematic.shape[2]
         names += [f"instrument.error_{k + 1}" for k in range(shared)]
         sizes += [1.0] * shared

@@ -260,7 +260,7 @@ class Leg:
 
     @property
     def of(self) -> Kind:
-        """What its kind does."""
+        """Return what its kind does."""
         return KINDS[self.kind]
 
     @property

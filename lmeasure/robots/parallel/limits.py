@@ -1,4 +1,4 @@
-"""What bounds a parallel robot's workspace besides its joints: carriages that meet, joints that bend, singular poses, weight that tips."""
+"""Limits of a parallel robot's workspace besides its joints: carriages that meet, joints that bend, singular poses, weight that tips."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields

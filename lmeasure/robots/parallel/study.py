@@ -1,4 +1,4 @@
-"""What a mechanism is and does: at a pose, along its coordinates, over a grid of places, and at the poses of a table."""
+"""Study of a mechanism: at a pose, along its coordinates, over a grid of places, and at the poses of a table."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ from lmeasure.text import message
 BLOCK = 20000
 """Poses that are looked at together."""
 MOST_RAD, MOST = 0.6, 0.5
-"""How far ranges are looked for: turns but that about the vertical, and shifts in parts of the reach."""
+"""Limits of the search for ranges: turns but that about the vertical, and shifts in parts of the reach."""
 YAWS = 72
 FEWEST = 4
 """Poses from which a cubic spline has speeds and accelerations."""

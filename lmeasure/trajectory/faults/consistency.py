@@ -115,7 +115,7 @@ IN_TIME = {
     "contradiction.none": "cables.contradict.none",
     "contradiction.among": "cables.contradict.among",
 }
-"""What is said of a sample, and of the whole time with such samples."""
+"""Cause of a sample, and of the whole time with such samples."""
 
 Solve = Callable[[FloatArray], FloatArray]
 """(n, 7) poses of a run from its start by changes (n, m) of the cables, NaN for one that is not used."""
@@ -131,7 +131,7 @@ class Consistency:
         self._limits: dict[bytes, float] = {}
 
     def judged(self, before: Doubts) -> Doubts:
-        """What is in doubt of the run: before, and beside it what its cables say of each other."""
+        """Return what is in doubt of the run: before, and beside it what its cables say of each other."""
         every = list(before.every)
         for number in range(ROUNDS + 1):
             poses = self._solve(self._epochs.change_mm)
@@ -167,7 +167,7 @@ class Consistency:
         return self._limits[key]
 
     def _doubts(self, alarms: IntArray, parities: Parities) -> list[Doubt]:
-        """What becomes of alarms: all of them by one explanation, else the first of them by one."""
+        """Return what becomes of alarms: all of them by one explanation, else the first of them by one."""
         cables, certain = self._explained(alarms, parities)
         gaps = np.flatnonzero(np.diff(self._epochs.time_s[alarms]) > APART_S)
         if not cables and len(gaps):
@@ -332,7 +332,7 @@ def _without(changes: FloatArray, cables: tuple[int, ...], where: BoolArray | No
 
 
 def _notes(rig: Rig, every: list[Doubt]) -> list[Message]:
-    """What is to be said of inconsistencies in a summary."""
+    """Return what is to be said of inconsistencies in a summary."""
     notes = []
     for doubt in sorted((d for d in every if d.status == Status.INCONSISTENT), key=lambda d: d.after_s):
         begin = message("time.beginning") if np.isinf(doubt.after_s) else message("time.at", s=doubt.after_s)

@@ -116,7 +116,7 @@ def steps_seen(
 
 
 def _both(a: FloatArray, b: FloatArray) -> FloatArray:
-    """What two estimates of a step agree on: the smaller of the same sign, else nothing; nothing where one is NaN."""
+    """Return what two estimates of a step agree on: the smaller of the same sign, else nothing; nothing where one is NaN."""
     out = np.where(np.sign(a) == np.sign(b), np.sign(a) * np.minimum(np.abs(a), np.abs(b)), 0.0)
     return np.where(np.isfinite(out), out, 0.0)
 
@@ -266,8 +266,8 @@ class Away:
 
 @dataclass(frozen=True)
 class Continuity:
-    """What a run's counts tell of its channels: breaks, moments away and channels that stood, in order of time; acceleration_mm_s2 of the
-    motion, least_mm (m,) the smallest step that would have been seen everywhere, infinite where none would, clock_s where all channels
+    """Evidence of a run's counts about its channels: breaks, moments away and channels that stood, in order of time; acceleration_mm_s2 of
+    the motion, least_mm (m,) the smallest step that would have been seen everywhere, infinite where none would, clock_s where all channels
     step as if the clock did, jitter_mm (m,) what of least_mm is from time stamps that jitter."""
 
     breaks: tuple[Break, ...]

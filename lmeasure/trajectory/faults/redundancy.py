@@ -1,4 +1,4 @@
-"""What redundant cables tell of each other at a sample, with everything the lengths share in their covariance.
+"""Comparison of redundant cables at a sample, with everything the lengths share in their covariance.
 
 Let A (m, f) be the rows of the cables by the free components of the twist, r the lengths less those at a pose near the true one, S the
 covariance of the lengths: of the counts themselves, and of all that the run has in common (zero phase, calibration, start pose, ...). With
@@ -182,7 +182,7 @@ class Epochs:
         return replace(self, change_mm=change)
 
     def situation(self, poses: FloatArray) -> Situation:
-        """What errors of their lengths depend on, at poses (n, 7)."""
+        """Return what errors of their lengths depend on, at poses (n, 7)."""
         return Situation(self.time_s, poses, self.counts, self.speed_mm_s, self.temperature_c, self.travel)
 
 

@@ -1,4 +1,4 @@
-"""What the rests of a run tell of its counters: counts that were lost on the way, and whether the counts close.
+"""Evidence of a run's rests about its counters: counts that were lost on the way, and whether the counts close.
 
 A robot that comes back to a place brings back all counts, but for its repeatability and a drift that is gradual. A counter that lost counts
 shifts one channel, at once, at all places after that moment. With six cables such a shift is also a pose shift, along exactly the twist
@@ -35,7 +35,7 @@ COARSE_MM = 1.0  # A step of a channel that would not be seen is said to be one 
 
 
 def doubts_of(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
-    """What is in doubt of a run, by its breaks and its rests, whose lengths are those of all counts, doubtful ones included."""
+    """Return what is in doubt of a run, by its breaks and its rests, whose lengths are those of all counts, doubtful ones included."""
     every = [_for_a_moment(rig, away) for away in continuity.away] + [_stood(rig, stood) for stood in continuity.stood]
     notes = _of_moments(rig, continuity.away)
     count_mm = np.array([(d := rig.point(c.from_point).drum).count_length_mm / d.scale for c in rig.cable])
@@ -69,7 +69,7 @@ def doubts_of(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
 
 
 def unseen_steps(rig: Rig, continuity: Continuity) -> Message:
-    """What steps of a counter this run would not show."""
+    """Return what steps of a counter this run would not show."""
     blind = np.flatnonzero(np.isinf(continuity.least_mm))
     if len(blind) == len(rig.cable):
         return message("steps.none")
@@ -188,14 +188,14 @@ class Step:
 
     @property
     def said(self) -> Message:
-        """What is said of it."""
+        """Return what is said of it."""
         by = {"counts": self.counts, "mm": self.length_mm}
         return message("counts.stepped", channel=self.channel, cable=self.name, **by, after_s=self.after_s, before_s=self.before_s)
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What was found. closure_mm (m,): by how much each cable's length fails to close where that cannot be the robot's, else zero; from
+    """Findings at rests. closure_mm (m,): by how much each cable's length fails to close where that cannot be the robot's, else zero; from
     first_s, the end of the first visit, to last_s, the beginning of the last. notes: for the reader."""
 
     steps: tuple[Step, ...]
@@ -206,7 +206,7 @@ class Evidence:
     doubts: Doubts = NONE
     """Channels that stepped while the robot moved, or stood: not used at all."""
     unseen: Message | None = None
-    """What steps the run would not have shown."""
+    """Steps that the run would not have shown."""
     returned_mm: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     """(k, m) changes of length at the positions to which the robot came back."""
     return_mm: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -214,7 +214,7 @@ class Evidence:
     lost_mm: FloatArray = field(default_factory=lambda: np.empty(0))
     """(m,) length from which lost counts of a single channel show, by all visits."""
     reversals: Reversals | None = None
-    """What paths that were followed forth and back show."""
+    """Evidence of paths that were followed forth and back."""
 
     @property
     def sound(self) -> bool:

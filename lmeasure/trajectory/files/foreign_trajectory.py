@@ -36,7 +36,7 @@ REPEATED = 0.01  # Of the rows: so many may have the stamp of the row before and
 
 @dataclass(frozen=True)
 class Stated:
-    """What is said of a file beside itself: which column is which, and standard uncertainties of each coordinate [mm] and of a small
+    """Statements about a file outside it: which column is which, and standard uncertainties of each coordinate [mm] and of a small
     rotation about each axis [rad], instead of the file's. of_others: columns speak of other files too, and what this one has not is one of
     theirs. angles: convention of the file's angles; likely: that of the program, which counts where units do not contradict it."""
 
@@ -161,7 +161,7 @@ def _of_table(path: Path, stated: Stated, default: Mapping[str, Column] | None =
 
 
 def kind_of(path: Path) -> str:
-    """What `read_trajectory` takes a file for: mcap, tum, parquet, markers, euroc, or table."""
+    """Return what `read_trajectory` takes a file for: mcap, tum, parquet, markers, euroc, or table."""
     suffix = path.suffix.lower()
     if suffix in BAGS:
         raise core.FileFormatError(composed("{where}: {error}", where=path, error=BAGS[suffix].format(name=path.name, stem=path.stem)))

@@ -26,7 +26,7 @@ COLUMNS_OF_OURS = (
     "time_s", *POSITION_COLUMNS, *core.QUATERNION_COLUMNS, "residual_mm", "iterations", "status", "cause", "cable",
     "worst_pressure_angle_deg", *UNCERTAINTY_COLUMNS,
 )  # fmt: skip
-"""What every table of a trajectory has that this program wrote."""
+"""Columns of every table of a trajectory that this program wrote."""
 SYSTEMATIC_COLUMNS = tuple(name.replace("u_", "u_systematic_", 1) for name in UNCERTAINTY_COLUMNS)
 """The part of those that the whole run has in common."""
 NAMES = ", "  # Between the names of cables where a sample is good without several
@@ -132,7 +132,7 @@ class Trajectory(Shown):
         return self.overview().text()
 
     def overview(self) -> "Summary":
-        """What is to be said of it."""
+        """Return what is to be said of it."""
         summary = Summary()
         summary.add(self)
         return summary

@@ -78,7 +78,7 @@ TIME_TOLERANCE_S = 1e-9  # times such as 0.1 + 0.2 that are meant to be a window
 
 @dataclass(frozen=True)
 class Frame:
-    """What of the tool is looked at, and in which frame: tool_mm (3,) in the tool frame; base_from_program (7,), None when they are the
+    """Point of the tool and its frame: tool_mm (3,) in the tool frame; base_from_program (7,), None when they are the
     same."""
 
     tool_mm: FloatArray

@@ -1,4 +1,4 @@
-"""How the tool moves: velocity, acceleration and jerk from a trajectory, by local cubics over a window that the data choose."""
+"""Motion of the tool: velocity, acceleration and jerk from a trajectory, by local cubics over a window that the data choose."""
 
 import json
 from dataclasses import dataclass

@@ -77,7 +77,7 @@ class Vibration:
 
 
 def vibration(dwells: Sequence[tuple[FloatArray, FloatArray]]) -> Vibration:
-    """What swings in dwells of one pose: times (k,) [s] and displacements (k, 6) (rotation [rad]; position [mm]) from their mean."""
+    """Return what swings in dwells of one pose: times (k,) [s] and displacements (k, 6) (rotation [rad]; position [mm]) from their mean."""
     found = _frequencies([(t - t.mean(), x * LEVER) for t, x in dwells])
     swings, squares, missed = [], np.zeros((6, 6)), np.zeros((6, 6))
     for time_s, away in dwells:

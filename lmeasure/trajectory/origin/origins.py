@@ -1,4 +1,4 @@
-"""What channels count from, determined by a run whose channels are redundant: start pose, phases of zeroing, zeros of encoders.
+"""Origins of channels, determined by a run whose channels are redundant: start pose, phases of zeroing, zeros of encoders.
 
 A reading is f(pose) less an origin that all samples share, plus its own error. What is known of the origins before is a few variables of
 unit variance (`Budget.origins`): the start pose, if one was stated, else anything; where within a count each counter was zeroed; the zeros
@@ -236,7 +236,7 @@ def _put_right(reconstruction: Reconstruction, epochs: Epochs, j: int, by: float
 
 
 def _between(e: FloatArray, own: FloatArray, common: FloatArray) -> tuple[int, int]:
-    """How many of the first of n errors, and from which on the last, are one constant each."""
+    """Return how many of the first of n errors, and from which on the last, are one constant each."""
     first, last = _ramp(e, 1.0 / (own**2 + common**2))
     # a ramp is not all that a channel may have done in between
     constant = _lasts(e, own, common), len(e) - _lasts(e[::-1], own[::-1], common[::-1])
@@ -284,7 +284,7 @@ def _beside(e: FloatArray, weight: FloatArray, begin: IntArray, end: IntArray) -
 
 
 def _lasts(e: FloatArray, own: FloatArray, common: FloatArray) -> int:
-    """How many of the first of n errors are one constant."""
+    """Return how many of the first of n errors are one constant."""
     good, bad = 0, len(e) + 1
     while bad - good > 1:
         middle = (good + bad) // 2

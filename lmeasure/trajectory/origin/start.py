@@ -210,7 +210,7 @@ def nearest(motion: Motion, pose: FloatArray, z: FloatArray, u_start: FloatArray
 
 
 def _apart(a: FloatArray, b: FloatArray, size: float) -> float:
-    """How far two poses are apart [mm], turns as ways about the tool's size."""
+    """Return how far two poses are apart [mm], turns as ways about the tool's size."""
     way = se3.displacement(a[None], b[None])[0]
     return float(np.linalg.norm(np.concatenate([size * way[:3], way[3:]])))
 

@@ -350,7 +350,7 @@ class PoseWatch:
 
     @property
     def why(self) -> str:
-        """What keeps the start unknown, as long as it is."""
+        """Return what keeps the start unknown, as long as it is."""
         return self._live.why
 
     def refresh(self) -> None:

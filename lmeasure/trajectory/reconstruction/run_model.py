@@ -1,4 +1,4 @@
-"""What a run is reconstructed by: the scheme of its cables, physical effects, its start, clocks and temperature, as one frozen value.
+"""Model of a run: the scheme of its cables, physical effects, its start, clocks and temperature, as one frozen value.
 
 The scheme states what a rig's cables measure, and what of the tool's motion a constraint holds. The correction removes temperature, stretch
 and sag: the changes that a rig without them would have shown, and what they leave uncertain.
@@ -21,14 +21,14 @@ FREEDOMS = ("rx", "ry", "rz", "x", "y", "z")
 """Components of the twist (omega; v) in base axes, v at the tool origin."""
 
 CONSTRAINTS = {"planar": ("rz", "x", "y"), "vertical-axis": ("rz", "x", "y", "z")}
-"""What remains free under each constraint of a rig: a stage in the base XY plane, a tool whose axis stays vertical (SCARA)."""
+"""Freedoms under each constraint of a rig: a stage in the base XY plane, a tool whose axis stays vertical (SCARA)."""
 
 CABLES_FOR_A_POINT = 3
 
 
 @dataclass(frozen=True)
 class Scheme:
-    """What is solved for.
+    """Unknowns of a pose.
 
     rows (m, columns) of the kernels, of all channels (`Rig.observed`); free: the components of the twist that can change; point: the one
     attachment point whose position is measured when orientation is not, else None; held: the freedoms that a constraint keeps.
@@ -149,7 +149,7 @@ class Correction:
 
     @property
     def sources(self) -> int:
-        """How many variables are uncertain."""
+        """Return how many variables are uncertain."""
         effects = self._effects
         thermal = 2 if effects.u_temperature_k > 0.0 and effects.thermal else 0
         return len(effects.moved) + thermal + int((effects.u_tension_change_n * effects.rows[:, COMPLIANCE] > 0.0).sum())
@@ -185,7 +185,7 @@ class Correction:
 
 @dataclass(frozen=True, eq=False)
 class RunModel:
-    """What a run is reconstructed by, before its counts are looked at.
+    """Model of a run before its counts are read.
 
     start (7,): pose at which the counters were zeroed, or at which the run was found to begin; begun (m,): changes of the channels at such
     a found pose, else None. constraint replaces the rig's. u_start, assumed_start: as `StartErrors` has them; exact: whether a temperature

@@ -50,7 +50,7 @@ Progress = Callable[[int, int], None]
 LEAST_AXIAL_MM = 0.001  # Difference of lengths by which axial offsets hold elsewhere, up to which it is not reported
 SURE_S = 86400.0  # A counter that no rate takes through half its range for as long is asked for nothing
 Each = Callable[[Counts, Lengths, Trajectory], None]
-"""What is done with a piece of a run: its recorded counts, its lengths and its part of the trajectory."""
+"""Function of a piece of a run: its recorded counts, its lengths and its part of the trajectory."""
 Judge = Callable[[Reconstruction], tuple[Message, ...]]
 
 

@@ -186,7 +186,7 @@ NOT_MEASURED = message("cause.orientation")
 
 @dataclass
 class Place:
-    """How far a run has been followed: state (8 + m,) as the kernels have it, which way its cables travelled last (m, 2), and whether by
+    """Progress of following a run: state (8 + m,) as the kernels have it, which way its cables travelled last (m, 2), and whether by
     the compiled kernels. What comes next depends on nothing else."""
 
     state: FloatArray

@@ -61,7 +61,7 @@ class Alignment:
 
     @cached_property
     def evidence(self) -> Evidence:
-        """What it tells of its counters."""
+        """Return what it tells of its counters."""
         finder = EvidenceFinder(self.run.rig, self.run.recorded)
         finder.add(self._all_lengths)
         return finder.found()

@@ -365,7 +365,7 @@ MEDIAN = 0.87  # Median over mean of a sum of WINDOW - TERMS squares (chi-square
 
 
 class Timed(Protocol):
-    """What is looked at of a trajectory: times (n,) [s], poses (n, 7) and their random covariances (n, 6, 6)."""
+    """Data of a trajectory for judging stamps: times (n,) [s], poses (n, 7) and their random covariances (n, 6, 6)."""
 
     @property
     def time_s(self) -> FloatArray: ...

@@ -1,4 +1,4 @@
-"""How much of a position's U95 comes from typical sizes that are assumed because nobody stated them, and which statements would help most.
+"""Part of a position's U95 that comes from typical sizes that are assumed because nobody stated them, and which statements would help most.
 
 An error of the poses is F z with independent z of unit variance. The part of a group of variables is its own columns (or, where a run
 determined some of z, its share of the mixed columns). A group whose size becomes r times the assumed one leaves F - (1 - r) F_group.
@@ -51,7 +51,7 @@ class Statement:
 
 @dataclass(frozen=True)
 class Assumed:
-    """What assumed sizes make of the position's uncertainty, the largest over some poses [mm]: U95, U95 of the assumed sizes alone, U95
+    """Part of assumed sizes in the position's uncertainty, the largest over some poses [mm]: U95, U95 of the assumed sizes alone, U95
     after each statement, and after all of them. exact: whether everything that is not stated is exact by statement."""
 
     u95_mm: float = 0.0

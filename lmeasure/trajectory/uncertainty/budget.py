@@ -70,7 +70,7 @@ class PoseCovariances(Shown):
     """Key of the typical size that each systematic error is, K, empty of what is stated or calibrated; empty: none is assumed."""
 
     def about(self) -> dict[str, str]:
-        """How many poses, how large the errors are at most, and what poses share."""
+        """Return how many poses, how large the errors are at most, and what poses share."""
         random, shared = (np.sqrt(np.einsum("nii->ni", c)) for c in (self.random, self.systematic))
         largest = {name: np.nanmax(u[:, 3:], initial=0.0) for name, u in (("random u", random), ("shared u", shared))}
         sources = {source: self.sources.count(source) for source in self.sources}
@@ -179,7 +179,7 @@ class Budget:
     """
 
     estimate: OriginEstimate | None = None
-    """What the run determined of its origins."""
+    """Origins as the run determined them."""
     restored: tuple[tuple[int, float, float], ...] = ()
     """Channels (index) that go on from another origin, behind a time and until one [s]."""
 
@@ -287,7 +287,7 @@ class Budget:
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """What each variable of the systematic errors stands for, as `PoseCovariances.sources` has it."""
+        """Return what each variable of the systematic errors stands for, as `PoseCovariances.sources` has it."""
         mixed = () if self.estimate is None else self.origins
         names = (ORIGINS if source in mixed else name for source in self.every for name in source.names)
         return (*names, *(ZERO,) * second_order_variables(self._rough.shape[1]))
@@ -575,7 +575,7 @@ def _assumed_in(source: Source) -> tuple[str, ...]:
 
 
 def _covers(calibrated: bool, more: list[str]) -> str:
-    """What the standard uncertainties hold, in words."""
+    """Return what the standard uncertainties hold, in words."""
     if not calibrated and set(more) <= {str(message("covers.of.phase"))}:
         return message("covers.resolution_phase" if more else "covers.resolution")
     parts = [message("covers.of.half_unit"), *more, *([message("covers.of.calibration")] if calibrated else [])]

@@ -1,4 +1,4 @@
-"""What the instrument may err by at poses of a run: its random part from the counts, its systematic part from the calibration."""
+"""Errors of the instrument at poses of a run: its random part from the counts, its systematic part from the calibration."""
 
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol

@@ -51,7 +51,7 @@ class PassClock:
 
     @property
     def variables(self) -> int:
-        """How many variables its error is."""
+        """Return how many variables its error is."""
         return bool(self.u_s) + bool(self.u_rate)
 
     def late_s(self, time_s: FloatArray) -> FloatArray:
@@ -62,8 +62,8 @@ class PassClock:
 
 @dataclass(frozen=True)
 class Situation:
-    """What errors of lengths may depend on: times (n,), poses (n, 7), true counts (n, m), speeds of the cables (n, m) [mm/s], their
-    temperatures (n, m) [deg C], those of the start where None, and which way they travelled last (n, m), paying out where None."""
+    """Quantities that errors of lengths may depend on: times (n,), poses (n, 7), true counts (n, m), speeds of the cables (n, m) [mm/s],
+    their temperatures (n, m) [deg C], those of the start where None, and which way they travelled last (n, m), paying out where None."""
 
     time_s: FloatArray
     poses: FloatArray
@@ -215,7 +215,7 @@ def standard(generator: "np.random.Generator", shape: tuple[int, ...], uniform: 
 
 @dataclass(frozen=True)
 class OriginEstimate:
-    """What a run determined of its origins: mean (o,) of their variables, mix (K, K): errors of all shared variables, those of the origins
+    """Origins as a run determined them: mean (o,) of their variables, mix (K, K): errors of all shared variables, those of the origins
     last, by independent variables of unit variance; chi_squared of its samples, and their degrees of freedom; poses (n, 7) of those that
     had a part in it; covariance (K, K) of all shared variables, C; aside (K - o,): means of the other variables, which are not applied."""
 
@@ -233,7 +233,7 @@ DRAWS = 16  # Of what is left: its mean square is known to about a third
 
 
 def second_order_variables(k: int) -> int:
-    """How many variables stand beside k of first order."""
+    """Return how many variables stand beside k of first order."""
     return k * (k + 1) // 2 + 1 + DRAWS if k else 0
 
 
