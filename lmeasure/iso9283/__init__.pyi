@@ -26,3 +26,4 @@ from .program.command_files import read_commands as read_commands, write_campaig
 from .program.command_windows import windows_from_rests as windows_from_rests
 from .program.simulated_run import simulate_robot as simulate_robot, write_robot_run as write_robot_run
 from .settings import CertificationSettings as CertificationSettings
+from .uncertainty import Spread as Spread, propagate as propagate

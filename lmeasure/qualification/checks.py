@@ -16,6 +16,7 @@ from lmeasure import api
 from lmeasure.core import FloatArray, Status, se3
 from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, GUIDE_XYZ, RADIUS, span_lengths
 from lmeasure.qualification.nist_strd import judge_all
+from lmeasure.qualification.published_budgets import EXAMPLES
 from lmeasure.recording import Program
 from lmeasure.simulation import cell_rig
 from lmeasure.text import message
@@ -76,6 +77,15 @@ def regressions() -> Check:
     other = {"right": right, "names": tuple(wrong[:3])}
     found = message("qualify.found.regressions", **values, **other) if wrong else message("qualify.found.regressions_right", **values)
     return Check("regressions", right == len(every), found, message("qualify.wanted.regressions", all=len(every), digits=4))
+
+
+def budgets() -> Check:
+    """Propagate the published examples of JCGM 100, 101 and 102 as certificates propagate."""
+    every = {f"{e.name}, {name}": size for e in EXAMPLES for name, size in e.differences().items()}
+    wrong = [name for name, size in every.items() if not size < 1.0]
+    found = message("qualify.found.budgets", right=len(every) - len(wrong), all=len(every), names=tuple(wrong[:3]))
+    right = message("qualify.found.budgets_right", all=len(every), examples=len(EXAMPLES))
+    return Check("budgets", not wrong, found if wrong else right, message("qualify.wanted.budgets"))
 
 
 def cable_lengths() -> Check:
@@ -186,6 +196,7 @@ def sealed_certificates() -> Check:
 CHECKS: tuple[Callable[[], Check], ...] = (
     installed_files,
     regressions,
+    budgets,
     cable_lengths,
     formulas,
     coverage,

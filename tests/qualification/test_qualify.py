@@ -15,7 +15,7 @@ from lmeasure import api
 from lmeasure.certificate import read_public_key
 from lmeasure.cli.app import app
 from lmeasure.core import OverwriteError
-from lmeasure.qualification import checks, judge_all, qualify, run_checks
+from lmeasure.qualification import checks, judge_all, published_budgets, qualify, run_checks
 
 
 def test_a_sound_installation_is_qualified_and_the_report_is_signed(tmp_path: Path) -> None:
@@ -25,7 +25,7 @@ def test_a_sound_installation_is_qualified_and_the_report_is_signed(tmp_path: Pa
     assert done.exit_code == 0, done.output
     content = json.loads((out / "qualification.json").read_bytes())
     assert content["passed"]
-    assert len(content["checks"]) == 7
+    assert len(content["checks"]) == 8
     signature = json.loads((out / "signature.json").read_bytes())
     read_public_key(key.with_name("k.pem.pub")).verify(base64.b64decode(signature["signature"]), (out / "qualification.json").read_bytes())
     text = pypdfium2.PdfDocument(out / "qualification.pdf")[0].get_textpage().get_text_bounded()
@@ -50,6 +50,7 @@ def test_nist_regressions_have_their_certified_values() -> None:
         (api, "reconstruct", lambda true: lambda run: _with(true(run), "systematic", 4.0), "coverage"),
         (api, "reconstruct", lambda true: lambda run: _with(true(run), "systematic", 0.1), "coverage"),
         (api, "evaluate", lambda true: lambda *given: _biased(true(*given)), "formulas"),
+        (published_budgets, "propagate", lambda true: lambda *given, **more: [_wider(s) for s in true(*given, **more)], "budgets"),
         (checks, "judge_all", lambda true: lambda: [j.__class__(j.name, j.start, 2.0, 2.0, True) for j in true()], "regressions"),
         (api, "verify", lambda true: lambda folder: type("Seen", (), {"exit_code": 0})(), "sealed_certificates"),
     ],
@@ -58,6 +59,10 @@ def test_a_planted_fault_fails_it(monkeypatch: pytest.MonkeyPatch, module: Any, 
     monkeypatch.setattr(module, name, fault(getattr(module, name)))
     (of,) = (check for check in checks.CHECKS if check.__name__ == code)
     assert not of().passed
+
+
+def _wider(found: Any) -> Any:
+    return replace(found, sensitivities=1.05 * found.sensitivities)
 
 
 def _with(found: Any, field: str, factor: float) -> Any:
