@@ -98,7 +98,8 @@ class Readings:
 
 @dataclass(frozen=True)
 class Determined:
-    """Of n poses: lengths (n, cables) [mm], NaN where a cable cannot run; runs, known (n,) whether all do, and the pose is determined. Of
+    """Readings at n poses: lengths (n, cables) [mm], NaN where a cable cannot run; runs, known (n,) whether all do, and the pose is
+    determined. Of
     the k known ones: rows A (k, M, 6), G (k, 6, M), covariance (k, 6, 6) of (rotation [rad]; tool origin [mm]), L (k, M, r), norm2 (k,)
     squared Frobenius norm of the pseudo-inverse of the rows, moments divided by the platform's size and angles taken as lengths where they
     are seen, and speed (k, M) of each channel's point, at least 1 where it is seen best, under the twist that its reading alone makes by
@@ -116,8 +117,8 @@ class Determined:
 
 
 def readings_of(rig: Rig, calibration: CalibrationRecord | None, start: FloatArray, drums: FloatArray) -> Readings:
-    """Of a rig whose counters are zeroed at the start pose (7,); drums (cables,) variances [mm^2]. RigError where there are fewer than six
-    channels, or cables to points on one line and nothing else."""
+    """Return the readings of a rig whose counters are zeroed at the start pose (7,); drums (cables,) variances [mm^2]. RigError where
+    there are fewer than six channels, or cables to points on one line and nothing else."""
     channels = Channels.of_rig(rig, calibration)
     m = len(channels)
     if m < CABLES_FOR_A_POSE:

@@ -510,8 +510,8 @@ class Ellipsoids(NamedTuple):
 
 
 def ellipsoids(rig: Rig, calibration: CalibrationRecord | None, places: FloatArray, turn: Rotation, *, start: FloatArray) -> Ellipsoids:
-    """Of (n, 3) places of the tool origin [mm] at one orientation base_from_tool, by the laws of `accuracy.zone.map_zone`; start (7,): pose
-    at which the counters are zeroed."""
+    """Return the ellipsoids at (n, 3) places of the tool origin [mm] at one orientation base_from_tool, by the laws of
+    `accuracy.zone.map_zone`; start (7,): pose at which the counters are zeroed."""
     rig = rig.zeroed_at(start)
     drums = drum_variance(rig, calibration, places, Rotation.from_quat([turn.as_quat()]), start=start)
     readings, poses = readings_of(rig, calibration, start, drums), se3.pose(places, turn)

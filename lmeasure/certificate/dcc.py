@@ -175,7 +175,7 @@ def _identified(parent: Any, issuer: str, value: str, name: str) -> None:
 
 
 def _statements(parent: Any, details: dict[str, Any]) -> None:
-    """What is to be said of the whole: a name in our words, a declaration that may be the laboratory's."""
+    """State the declarations of the whole: a name in our words, a declaration that may be the laboratory's."""
 
     def state(name: str, declaration: str, language: str | None = OWN) -> None:
         statement = _add(parent, "statement")

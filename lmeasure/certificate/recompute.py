@@ -125,8 +125,8 @@ def compare(stated: dict[str, Any], again: dict[str, Any], *, other_version: boo
 
 
 def beside(stated: dict[str, Any], again: dict[str, Any]) -> tuple[list[Difference], tuple[str, ...]]:
-    """Of a certificate by another method: where what does not depend on the method is not what the inputs give, and its figures with those
-    of today, a line each."""
+    """Return the differences of a certificate by another method: where what does not depend on the method is not what the inputs give, and
+    its figures with those of today, a line each."""
     out = _tables(stated, again, {key for key in INDEPENDENT if key in stated}) + has_its_id(stated)
     old, new = (_keyed(c["characteristics"]) for c in (stated, again))
     both = {name: (_figure(old.get(name)), _figure(new.get(name))) for name in {**old, **new}}

@@ -36,7 +36,8 @@ class Parts:
 
 @dataclass(frozen=True)
 class Improvement:
-    """Of poses by name: commanded (k, 3) places, errors (k, 3) [mm] attained less commanded before and after; mean distances, each with the
+    """Errors of poses by name: commanded (k, 3) places, errors (k, 3) [mm] attained less commanded before and after; mean distances, each
+    with the
     least and the largest that its noise leaves; floor_mm: the mean distance that the parts alone would show of a robot without any other
     error."""
 
@@ -64,8 +65,8 @@ class Improvement:
 def improvement(
     first: dict[str, Any], later: dict[str, Any], identified_mm: Mapping[str, float] | None = None, seed: int = 0
 ) -> Improvement:
-    """Of two certificates of one program, before and after; identified_mm: by pose, the standard uncertainty that its correction has by the
-    identification. CertificationError where they have no pose in common that was commanded alike."""
+    """Return the improvement between two certificates of one program, before and after; identified_mm: by pose, the standard uncertainty
+    that its correction has by the identification. CertificationError where they have no pose in common that was commanded alike."""
     other = commanded_otherwise(first, later)
     old, new = attained(first), attained(later)
     names = tuple(pose for pose in old if pose in new and ("pose", pose) not in other)

@@ -175,7 +175,7 @@ def main() -> None:
 
 
 def _unforeseen(error: Exception) -> NoReturn:
-    """What no module foresaw, in one line; with the traceback where LMEASURE_DEBUG asks for it."""
+    """Print an error that no module foresaw, in one line; with the traceback where LMEASURE_DEBUG asks for it."""
     if os.environ.get("LMEASURE_DEBUG"):
         raise error
     at = traceback.extract_tb(error.__traceback__)[-1]

@@ -163,7 +163,7 @@ _spoken = Paced("scan")
 
 
 def moved(channels: "tuple[Moved, ...]") -> None:
-    """How far each channel has moved since a step of the self-test began."""
+    """Write how far each channel has moved since a step of the self-test began."""
     _moved("", channels=[asdict(one) for one in channels])
 
 
@@ -171,7 +171,7 @@ _moved = Paced("moved")
 
 
 def played(cell: "PlayedCell") -> None:
-    """What a simulated cell does: where its robot is or goes, whether it is still on its way, and where that is, as it is given."""
+    """Write what a simulated cell does: where its robot is or goes, whether it is still on its way, and where that is, as it is given."""
     _played("", at=cell.at, moves=cell.moves, pose=cell.stands_at(), cables=cell.cables, out=cell.out, poses=cell.poses)
 
 

@@ -47,7 +47,7 @@ class _InWords:
         formatter.write_usage(ctx.command_path, " ".join(word(one) if one.startswith("cli.") else one for one in words), word("cli.usage"))
 
     def format_help_text(self, ctx: Any, formatter: Any) -> None:
-        """What it does."""
+        """Write what a command does."""
         formatter.write_paragraph()
         with formatter.indentation():
             known = f"cli.{ctx.command.name}.help" if ctx.command.name in COMMANDS else "cli.help"

@@ -14,7 +14,7 @@ class Shown:
 
     @abstractmethod
     def about(self) -> dict[str, str]:
-        """What is to be said of it, by name, most important first."""
+        """Return its properties, by name, most important first."""
 
     @abstractmethod
     def to_frame(self) -> DataFrame:

@@ -120,7 +120,7 @@ def plug_ins_in_use() -> str:
 
 
 def version_of(name: str) -> str:
-    """Of a package as it was installed; "unknown" where what tells it was removed, as packagers do."""
+    """Return the version of a package as it was installed; "unknown" where what tells it was removed, as packagers do."""
     try:
         return version(name)
     except PackageNotFoundError:

@@ -50,7 +50,7 @@ class Remainder:
 
     @property
     def chi_squared(self) -> float:
-        """Of what is left."""
+        """Return the chi-squared of the rest."""
         return self._chi2
 
     @property

@@ -152,8 +152,8 @@ def _eliminate(nuisance: Nuisance, P: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 def _apart(P: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Of matrices P (k, e, c): orthonormal bases (k, e, e) whose columns from the rank on are normal to those of P, the pseudo-inverses
-    (k, c, e) and the ranks (k,)."""
+    """Return, for matrices P (k, e, c), orthonormal bases (k, e, e) whose columns from the rank on are normal to those of P, the
+    pseudo-inverses (k, c, e) and the ranks (k,)."""
     # columns of one size, so that rank is a matter of geometry and not of units
     size = np.maximum(np.linalg.norm(P, axis=1), 1e-300)
     U, s, Vt = np.linalg.svd(P / size[:, None, :], full_matrices=True)

@@ -143,7 +143,7 @@ class Candidates(Protocol):
         """(n,) True for those of tried (n, d) that repeat none of points (k, d), nor what was measured before."""
 
     def beside(self, points: FloatArray) -> list[FloatArray]:
-        """Of each of points (k, d) the further candidates (n, d) that differ little from it."""
+        """Return, for each of points (k, d), the further candidates (n, d) that differ little from it."""
 
     def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterable[tuple[Self, FloatArray]]:
         """The same with something else that all measurements hang on, besides points (k, d), and their blocks then; near: only what

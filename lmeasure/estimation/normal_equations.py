@@ -25,7 +25,7 @@ class Blockwise(Protocol[L]):
         """(p,)."""
 
     def linearised(self, theta: FloatArray) -> L:
-        """What is predicted at theta and near it."""
+        """Return the prediction at theta and near it."""
 
     def whitened(self, at: L) -> tuple[FloatArray, FloatArray]:
         """(e,) residuals, measured less predicted, in standard deviations, and (e, p) derivatives of what is predicted."""

@@ -99,14 +99,14 @@ class Attainment:
         return _commanded(self.program, name)
 
     def convention_of_pose(self, pose: AttainedPose) -> Convention:
-        """Of its angles; none where its orientation is not measured."""
+        """Return the convention of its angles; none where its orientation is not measured."""
         if np.isnan(pose.poses[0, 3]):
             return None, ()
         part = Subject("pose", pose.name).said
         return convention_at(self.angles, se3.rotation(pose.commanded[None]), part, stated=self.stated)
 
     def convention_on_path(self, crossed: Crossings) -> Convention:
-        """Of its angles; none where its orientation is not commanded, or not measured."""
+        """Return the convention of its angles; none where its orientation is not commanded, or not measured."""
         commanded = crossed.line.orientation(crossed.way_mm)
         if commanded is None:
             return None, ()

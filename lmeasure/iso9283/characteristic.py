@@ -152,7 +152,8 @@ class Characteristic:
 
     @property
     def degrees_of_freedom(self) -> float | None:
-        """Of the standard uncertainty, by Welch and Satterthwaite (JCGM 100, G.4.1); None where they are as good as infinite."""
+        """Return the degrees of freedom of the standard uncertainty, by Welch and Satterthwaite (JCGM 100, G.4.1); None where they are as
+        good as infinite."""
         known = sum(row.contribution**4 / row.degrees_of_freedom for row in self.budget if row.degrees_of_freedom is not None)
         whole = math.hypot(*(row.contribution for row in self.budget)) ** 4
         return whole / known if whole < INFINITE * known else None

@@ -360,7 +360,7 @@ class _Law:
         return cls(samples, *at(samples[:1] if together else samples), (lambda some: at(some)[0]) if together else None)
 
     def __call__(self, samples: IntArray) -> PoseErrors:
-        """Of all errors those at some samples."""
+        """Return the errors at some samples."""
         if self.together is not None:
             return self.together(samples)
         return self.errors[np.searchsorted(self.samples, samples)]

@@ -142,7 +142,7 @@ class Bounds:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the limits, in the order of `values`."""
+        """Return the names of the limits, in the order of `values`."""
         links = self.called or [message("linkages.link", v0=i + 1) for i in range(len(self.base))]
         none = (message("linkages.singular"),) if len(links) == LINKS else ()
         angles = none if self.limit_rad is None else tuple(message("linkages.pressure_angle", name=link) for link in links)

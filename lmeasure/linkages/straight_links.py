@@ -44,7 +44,8 @@ class Assemblies:
 
 
 def assemblies(base: FloatArray, platform: FloatArray, lengths: FloatArray) -> Assemblies:
-    """Of six links of lengths (6,) [mm] from points base (6, 3) in the base frame to points platform (6, 3) in the platform's."""
+    """Return the assembly modes of six links of lengths (6,) [mm] from points base (6, 3) in the base frame to points platform (6, 3) in
+    the platform's."""
     found = incidence(base, platform)
     expected = start_systems.complex_assemblies(found.structure)
     at, of, unit = base.mean(axis=0), platform.mean(axis=0), _unit(base, platform, lengths)

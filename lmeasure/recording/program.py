@@ -170,7 +170,8 @@ class CommandedPath(_Run):
         return np.array([self.start_mm], dtype=np.float64)
 
     def circle(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Of a circular path: centre (3,), and radii (3,) to its start and to a quarter turn behind it, right-handed about the normal."""
+        """Return, for a circular path, centre (3,), and radii (3,) to its start and to a quarter turn behind it, right-handed about the
+        normal."""
         assert self.radius_mm is not None
         out = self._from_centre()
         out *= self.radius_mm / np.linalg.norm(out)

@@ -164,7 +164,7 @@ def _in_space(trace: Any) -> bool:
 
 
 def _legend_high(drawing: go.Figure) -> int:
-    """Of the legend on a telephone, in pixels: in as many columns as its longest name leaves."""
+    """Return the height of the legend on a telephone, in pixels: in as many columns as its longest name leaves."""
     names = [str(trace.name) for trace in drawing.data if trace.showlegend is not False and trace.name]
     if len(names) < 2:
         return 0

@@ -26,7 +26,7 @@ def with_indices(text: str) -> list[tuple[str, str]]:
 
 
 def axes(say: Say) -> dict[str, Any]:
-    """Of a drawing in the base frame."""
+    """Return the axes of a drawing in the base frame."""
     return {"xaxis_title": say("page.x_mm"), "yaxis_title": say("page.y_mm"), "zaxis_title": say("page.z_mm"), "aspectmode": "data"}
 
 

@@ -14,7 +14,7 @@ Rows = list[tuple[str, ...]]
 
 
 def title(rig: Rig, say: Say) -> str:
-    """Of page and PDF."""
+    """Return the title of page and PDF."""
     return say("zone.accuracy_zone", rig=rig.name)
 
 

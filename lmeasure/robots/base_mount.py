@@ -26,7 +26,7 @@ class Mounted:
 
     @property
     def axes_count(self) -> int:
-        """Of joints."""
+        """Return the number of joints."""
         return len(self.robot.joint_names)
 
     def flange(self, poses: FloatArray) -> FloatArray:

@@ -208,7 +208,7 @@ class Platform:
 
     @property
     def size_mm(self) -> float:
-        """Of the platform [mm]: what a turn by a radian moves."""
+        """Return the size of the platform [mm]: what a turn by a radian moves."""
         points = np.concatenate([self.platform[~np.isnan(self.platform[:, 0])], self.rods.platform])
         return max(float(np.linalg.norm(points - points.mean(axis=0), axis=1).max()), 1.0)
 

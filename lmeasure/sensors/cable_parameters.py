@@ -17,7 +17,8 @@ def further_solved(record: CalibrationRecord | None) -> bool:
 
 
 def channel_names(rig: Rig, cables: tuple[Observed, ...] | None = None, *, wide: bool = False) -> list[list[str]]:
-    """Of each channel the record's names of the kernels' 13 parameters; wide: and of the 7 of `parameters.FURTHER` behind them."""
+    """Return, for each channel, the record's names of the kernels' 13 parameters; wide: and of the 7 of `parameters.FURTHER` behind
+    them."""
     names = parameter_names(rig, cables)
     return [own + more for own, more in zip(names, further_names(rig, cables), strict=True)] if wide else names
 

@@ -25,7 +25,8 @@ class Span(NamedTuple):
 
 
 def span(way: FloatArray, u: FloatArray, radius: ArrayLike) -> Span:
-    """Of cables to points at way (..., 3) from B that travel along u (..., 3) there, over pulleys of radius (...) [mm], straight ones where
+    """Return the wrap of cables to points at way (..., 3) from B that travel along u (..., 3) there, over pulleys of radius (...) [mm],
+    straight ones where
     it is 0, all in one frame; NaN where no cable can run. Of a straight one the angle is that between u and the cable."""
     R = np.asarray(radius, dtype=np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -46,7 +47,7 @@ def span(way: FloatArray, u: FloatArray, radius: ArrayLike) -> Span:
 
 
 def spans(cables: FloatArray, poses: FloatArray, arm: FloatArray) -> Span:
-    """Of m cables, the kernels' rows (m, columns), at (n, 7) poses with their `arms`: arrays (n, m)."""
+    """Return, for m cables, the kernels' rows (m, columns), at (n, 7) poses with their `arms`: arrays (n, m)."""
     return span(poses[:, None, :3] + arm - cables[:, kernels.BASE_XYZ], cables[:, kernels.GUIDE_XYZ], cables[:, kernels.RADIUS])
 
 

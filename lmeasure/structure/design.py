@@ -153,8 +153,8 @@ def _of_one_assembly(linkage: Linkage, found: Incidence, pose: FloatArray | None
 
 
 def _highest(linkage: Linkage) -> tuple[FloatArray, FloatArray, int]:
-    """Of lengths within the limits, their middle and many drawn at random, those (6,) at which an assembly has the highest of lowest
-    tetrahedra; its pose (7,) and number. StructureError where nothing can be assembled."""
+    """Return, of lengths within the limits, their middle and many drawn at random, those (6,) at which an assembly has the highest of
+    lowest tetrahedra; its pose (7,) and number. StructureError where nothing can be assembled."""
     assert linkage.limits is not None
     low, high = linkage.limits.T
     drawn = np.vstack([(low + high) / 2.0, np.random.default_rng(0).uniform(low, high, (DRAWN, LINKS))])

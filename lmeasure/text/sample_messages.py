@@ -35,7 +35,7 @@ def stated_causes(causes: TextArray) -> TextArray:
 
 
 def said_first(cause: Cause) -> Cause:
-    """Of several causes the first."""
+    """Return the first of several causes."""
     while isinstance(cause, Message) and cause.code == JOINED:
         cause = cause.values["first"]
     return cause

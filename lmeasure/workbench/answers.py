@@ -185,7 +185,7 @@ def plain(text: str) -> str:
 
 
 async def form_of(request: Request) -> Form:
-    """What a form says, without files."""
+    """Return the content of a form, without files."""
     async with request.form(max_files=0, max_fields=1000) as form:
         return {plain(key): [plain(str(value)) for value in form.getlist(key)] for key in form}
 

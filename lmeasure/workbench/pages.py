@@ -221,7 +221,7 @@ def _query(job: Job) -> dict[str, Any]:
 
 
 async def events(request: Request) -> Response:
-    """What a job says, as server-sent events."""
+    """Return the events of a job, as server-sent events."""
     found, bench = job_of(request), bench_of(request)
 
     async def stream() -> Any:
@@ -232,7 +232,7 @@ async def events(request: Request) -> Response:
 
 
 async def last(request: Request) -> Response:
-    """How a job stands, and the last of each passing event."""
+    """Return the state of a job, and the last of each passing event."""
     found = job_of(request)
     return JSONResponse({"state": found.state, "result": found.result, "last": found.last})
 

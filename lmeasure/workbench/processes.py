@@ -224,7 +224,7 @@ def _pipe(reads: contextlib.ExitStack, writes: contextlib.ExitStack) -> tuple[in
 
 
 async def _reader(descriptor: int) -> asyncio.StreamReader:
-    """What comes of a pipe, which is closed at its end."""
+    """Read the lines of a pipe, which is closed at its end."""
     reader = asyncio.StreamReader(limit=LIMIT)
     await asyncio.get_running_loop().connect_read_pipe(
         lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(descriptor, "rb", buffering=0)

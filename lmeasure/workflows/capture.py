@@ -104,7 +104,7 @@ def run(
 
 
 def _state_uncertainty(settings: Settings, folder: "CaptureFolder", ask: Callable[[str], str] | None) -> None:
-    """What the options say, and where they do not and the file does not either, what a person answers."""
+    """Take the statements of the options, and where they do not and the file does not either, what a person answers."""
     from lmeasure.procedures import UNCERTAINTIES
 
     stated = {name: value for name in UNCERTAINTIES if (value := getattr(settings, name)) is not None}

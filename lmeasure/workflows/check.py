@@ -80,7 +80,7 @@ def run(settings: Settings, progress: Progress = silent, *, ask: "Ask") -> "Resu
 
 
 def _figures(result: "Check") -> dict[str, float]:
-    """Of the whole, and of each cable what it showed."""
+    """Return the numbers of the whole and of each cable."""
     found = {"rate_hz": result.rate_hz, "faults": float(len(result.all_faults))}
     for c in result.cables:
         shown = {"stroke_mm": c.stroke_mm, "slack_mm": c.slack_mm, "counts_per_turn": c.counts_per_turn}

@@ -105,7 +105,7 @@ def _recorded(folder: Path, u_position_mm: float, u_rotation_rad: float) -> "Cam
 
 
 def _uncertainties(given: tuple[float | None, float | None], recorded: "Campaign | None") -> tuple[float, float]:
-    """Of the new poses [mm, rad]: what is given, else the largest of the recorded ones, else none."""
+    """Return the uncertainty of the new poses [mm, rad]: what is given, else the largest of the recorded ones, else none."""
     if recorded is None:
         return given[0] or 0.0, given[1] or 0.0
     stated = recorded.poses.u_position_mm.max(), recorded.poses.u_rotation_rad.max()

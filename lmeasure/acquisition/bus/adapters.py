@@ -58,7 +58,7 @@ def adapters(patience_s: float = PATIENCE_S) -> tuple[tuple[Adapter, ...], tuple
 
 
 def _adapter(config: dict[str, Any]) -> Adapter | None:
-    """Of python-can's keywords; what is no plain value is how a program holds it, and not how it is named."""
+    """Return python-can's keywords; what is no plain value is how a program holds it, and not how it is named."""
     interface, channel = config.get("interface"), config.get("channel")
     if not interface or channel is None or interface in LEFT_OUT:
         return None

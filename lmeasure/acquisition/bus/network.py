@@ -170,7 +170,7 @@ class BusWatch:
 
     @classmethod
     def of_rig(cls, rig: Rig, fields: tuple[CounterField, ...]) -> "BusWatch":
-        """Of a rig's bus, where the counters are in these fields."""
+        """Return the watch of a rig's bus, where the counters are in these fields."""
         table = rig.can_table
         others = () if table.start_input is None else (table.start_input.id,)
         return cls(fields, table.sync_id, others, synced=table.timing == "sync")

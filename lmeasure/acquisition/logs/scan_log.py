@@ -356,7 +356,7 @@ class Spoken:
 
 
 class _Lights:
-    """Of each byte of each identifier, when it moved last."""
+    """Times at which each byte of each identifier moved last."""
 
     def __init__(self) -> None:
         self._before: dict[Key, bytes] = {}

@@ -69,7 +69,7 @@ class Campaign(Shown):
         object.__setattr__(self, "rig", self.rig.zeroed_at(self.poses.rows[zero], begun, drums))
 
     def about(self) -> dict[str, str]:
-        """Of which rig, how many poses and counts, and how well the poses are known."""
+        """Return the rig, the numbers of poses and counts, and how well the poses are known."""
         poses = self.poses.about()
         read = int(np.isfinite(self.counts).sum())
         return {

@@ -187,8 +187,8 @@ def _beside_the_others(begun: _Fitted, named: list[_Named]) -> list[_Named]:
 
 
 def _competed(at: _Fitted, near: list[Effect]) -> tuple[list[Effect], _Fitted]:
-    """Of effects that come near to each other by their columns those that still do when each is taken, the best first, and the fit that
-    takes the best: a large effect bends the fit, and its column alone may look more like another's."""
+    """Return, of effects that come near to each other by their columns those that still do when each is taken, the best first, and the fit
+    that takes the best: a large effect bends the fit, and its column alone may look more like another's."""
     fits = [at.taking(effect) for effect in near]
     if len(near) == 1:
         return near, fits[0]

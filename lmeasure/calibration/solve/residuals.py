@@ -136,7 +136,7 @@ class Residuals(Problem):
         return 3 not in self.free
 
     def untold(self, block: int) -> str:
-        """Of a pose that its cables do not tell."""
+        """Return the message about a pose that its cables do not determine."""
         name = self.campaign.poses.names[self.at[block]]
         return message("calibration.pose_undetermined", name=name)
 

@@ -122,7 +122,7 @@ def _moved(model: Model, part: Eliminated, theta: FloatArray, y: FloatArray, A: 
     whitened, campaign = part.W @ part.A, model.campaign
 
     def gain(columns: FloatArray) -> float:
-        """Of chi-squared, less twice the number of values: columns (f, c) of what no pose makes up for."""
+        """Return the fall of chi-squared, minus twice the number of values: columns (f, c) of what no pose makes up for."""
         own = np.vstack([columns, np.zeros((len(z), columns.shape[1]))])
         own -= Q @ (Q.T @ own)
         U, s, _ = np.linalg.svd(own, full_matrices=False)

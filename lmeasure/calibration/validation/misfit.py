@@ -127,7 +127,7 @@ def _sized(name: str, u: float) -> Finding:
 
 
 def _size(state: State[Model], name: str, channel: str | None = None) -> float:
-    """Of an error: [mm], a rotation in rad."""
+    """Return the size of an error [mm], of a rotation [rad]."""
     u = state.sizes[name, channel]
     return u / arm_mm(state.problem) if name == "rotation" else u
 

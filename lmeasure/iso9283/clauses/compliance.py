@@ -41,7 +41,7 @@ class ComplianceTest(IsoTest):
 
 
 def tests(attained: Attainment) -> Iterator[ComplianceTest]:
-    """Of every table of forces."""
+    """Return the tests of every table of forces."""
     frame, still_mm = attained.frame, attained.settings.still_mm
     for number, asked in enumerate(attained.program.compliance, 1):
         if not asked.windows_s:

@@ -194,7 +194,7 @@ class CornerTest(IsoTest):
 
     @property
     def key(self) -> Subject:
-        """Of its states."""
+        """Return the subject of its states."""
         return Subject("corner", self.subject.name, self.corner.number)
 
     def samples(self) -> IntArray:
@@ -215,7 +215,7 @@ class CornerTest(IsoTest):
 
 
 def tests(attained: Attainment) -> Iterator[CornerTest]:
-    """Of every corner of every path that has windows."""
+    """Return the tests of every corner of every path that has windows."""
     for name, crossed in attained.paths.items():
         for corner, passed in passings(crossed):
             at = np.array([c.samples[p.behind.start] for c, p in zip(crossed.cycles, passed, strict=True)], dtype=np.int64)
@@ -286,7 +286,8 @@ class CornerPart:
 
     @property
     def errors(self) -> PoseErrors:
-        """Of the n nearest points, read between samples, and the n k others: the largest of many is larger than what they are of."""
+        """Return the values of the n nearest points, read between samples, and the n k others: the largest of many is larger than what
+        they are of."""
         n, k = len(self.passed), self._about[0].shape[1] + self._others[0].shape[1]
         if self.every is not None:
             # rows that others fill have no size: any errors do

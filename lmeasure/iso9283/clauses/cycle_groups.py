@@ -65,7 +65,8 @@ class DriftTest(GroupTest):
 
 
 def tests(attained: Attainment) -> Iterator[GroupTest]:
-    """Of every pose that has windows, several directions or robots; drift as the program asks for it, of two whole groups at least."""
+    """Return the tests of every pose that has windows, several directions or robots; drift as the program asks for it, of two whole groups
+    at least."""
     known = [pose for pose in attained.program.pose if pose.name in attained.poses]
     for pose in known:
         if len(set(pose.approaches)) > 1:

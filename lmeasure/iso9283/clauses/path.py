@@ -77,7 +77,7 @@ class PathTest(IsoTest):
 
 
 def tests(attained: Attainment) -> Iterator[PathTest]:
-    """Of every path that has windows."""
+    """Return the tests of every path that has windows."""
     for path in attained.program.path:
         if path.name in attained.paths:
             crossed = attained.paths[path.name]

@@ -57,7 +57,7 @@ class PoseTest(IsoTest):
 
 
 def tests(attained: Attainment) -> Iterator[PoseTest]:
-    """Of every pose that has windows."""
+    """Return the tests of every pose that has windows."""
     for pose in attained.program.pose:
         if pose.name in attained.poses:
             found = attained.poses[pose.name]

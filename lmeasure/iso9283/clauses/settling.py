@@ -97,7 +97,7 @@ class PosingTest(RestTest):
 
 
 def tests(attained: Attainment) -> Iterator[RestTest]:
-    """Of every pose with settling_s, and of every move that has windows."""
+    """Return the tests of every pose with settling_s, and of every move that has windows."""
     for pose in attained.program.pose:
         if pose.settling_s:
             yield SettlingTest(

@@ -53,7 +53,7 @@ class StabilisationTest(IsoTest):
 
 
 def tests(attained: Attainment) -> Iterator[StabilisationTest]:
-    """Of every corner of paths with stabilisation_mm."""
+    """Return the tests of every corner of paths with stabilisation_mm."""
     for path in attained.program.path:
         if path.stabilisation_mm is None or path.name not in attained.paths:
             continue

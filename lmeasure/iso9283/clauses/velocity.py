@@ -39,7 +39,7 @@ class VelocityTest(IsoTest):
 
 
 def tests(attained: Attainment) -> Iterator[VelocityTest]:
-    """Of every path that has windows."""
+    """Return the tests of every path that has windows."""
     for path in attained.program.path:
         if path.name in attained.paths:
             crossed = attained.paths[path.name]

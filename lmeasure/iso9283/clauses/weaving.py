@@ -160,7 +160,7 @@ class WeaveTest(IsoTest):
 
     @property
     def key(self) -> Subject:
-        """Of its states."""
+        """Return the subject of its states."""
         return Subject("weave", self.path.name)
 
     def samples(self) -> IntArray:
@@ -227,7 +227,7 @@ def _strokes(far: list[FloatArray]) -> FloatArray:
 
 
 def tests(attained: Attainment) -> Iterator[WeaveTest]:
-    """Of every path with a weave that has windows."""
+    """Return the tests of every path with a weave that has windows."""
     for path in attained.program.path:
         if path.weave_stroke_mm is not None and path.name in attained.paths:
             cycles = tuple(weaves(attained.paths[path.name], path.weave_stroke_mm))

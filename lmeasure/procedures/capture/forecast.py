@@ -49,7 +49,7 @@ class Expected:
 
 
 class Forecast:
-    """Of a rig's pass and the poses to be read, linearised at the rig; of_all: the worth of all of them, once they are read.
+    """Forecast of a rig's pass and the poses to be read, linearised at the rig; of_all: the worth of all of them, once they are read.
 
     CalibrationError where its cables cannot run over them.
     """
@@ -66,7 +66,7 @@ class Forecast:
         self.expected(all_read, poses.of(np.array([0])), np.zeros((1, m)))
 
     def worth(self, campaign: Campaign) -> Worth:
-        """Of the readings of a campaign."""
+        """Return the worth of the readings of a campaign."""
         p = len(self._instrument.unknowns.names)
         information = parameter_information(self._instrument.recorded(campaign)[0], p)
         reported: Outlook = outlook_of(information, self._lengths)

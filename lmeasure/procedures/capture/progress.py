@@ -13,7 +13,8 @@ from lmeasure.text import composed, message
 
 
 class Progress:
-    """Of the pass that a folder captures; say takes lines for a person. worth: of the readings, None where nothing can be said of it."""
+    """Progress of the pass that a folder captures; say takes lines for a person. worth: of the readings, None where nothing can be said of
+    it."""
 
     def __init__(self, folder: CaptureFolder, say: Callable[[str], None]) -> None:
         self._folder, self._say = folder, say

@@ -209,7 +209,7 @@ class Session:
 
     @property
     def worth(self) -> Worth | None:
-        """Of the readings so far; None where nothing can be said of it."""
+        """Return the worth of the readings so far; None where nothing can be said of it."""
         return self.progress.worth
 
     # --- what comes in ---

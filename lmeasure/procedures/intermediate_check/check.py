@@ -132,7 +132,7 @@ def check_instrument(run: Run, distances: Sequence[Distance] = (), limits: Limit
 
 
 def _reconstruction(run: Run, aligned: Alignment) -> Reconstruction:
-    """Of a run: where its start is stated, before the run has shown anything of its origins."""
+    """Return the reconstruction of a run: where its start is stated, before the run has shown anything of its origins."""
     if run.start is None:
         if not any(run.rig.counter(o).absolute for o in run.rig.observed):
             # says what to do

@@ -80,7 +80,7 @@ def _scatter_mm(budget: Budget, stops: Stops, repeatability_mm: float) -> FloatA
 
 
 def _reversals(budget: Budget, stops: Stops, repeatability_mm: float) -> list[Closure]:
-    """Of each cable: its length at places that it came to both ways, paid out less wound in, the mean over places."""
+    """Return, for each cable, its length at places that it came to both ways, paid out less wound in, the mean over places."""
     out, u = [], _scatter_mm(budget, stops, repeatability_mm)
     for j, c in enumerate(budget.rig.cable):
         differences, weights = [], []
@@ -98,7 +98,8 @@ def _reversals(budget: Budget, stops: Stops, repeatability_mm: float) -> list[Cl
 
 
 def _drifts(budget: Budget, stops: Stops, repeatability_mm: float) -> list[Closure]:
-    """Of each cable: how its length at places changes with time, over the whole of the run; least squares with a constant of each place."""
+    """Return, for each cable, how its length at places changes with time, over the whole of the run; least squares with a constant of each
+    place."""
     out, u = [], _scatter_mm(budget, stops, repeatability_mm)
     time_s = (stops.begin_s + stops.end_s) / 2.0
     span = float(time_s[-1] - time_s[0])

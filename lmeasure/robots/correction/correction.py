@@ -41,7 +41,8 @@ class Limits:
 
 @dataclass(frozen=True)
 class Correction:
-    """Of one target. before, joints (n,): commanded and corrected joint values; wanted, flange (7,): nominal poses of both; size_mm,
+    """Correction of one target. before, joints (n,): commanded and corrected joint values; wanted, flange (7,): nominal poses of both;
+    size_mm,
     size_rad: by how much the commanded pose changes; left_mm: by how much the identified robot then is off, not nothing where it was
     clipped or has fewer joints than a pose; was_mm: the same without correction; refused: why it stays as it was, empty where it does
     not."""

@@ -249,8 +249,8 @@ def _tuned(poses: FloatArray, errors: FloatArray, near: Process | None) -> tuple
 
 
 def _solved(K: FloatArray, H: FloatArray, errors: FloatArray, *, share: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Of a covariance (N, N) and a trend's basis (N, q): Cholesky factors of the covariance with noise and of the trend's information, the
-    trend's coefficients, and the whitened rest (N, 3)."""
+    """Return, for a covariance (N, N) and a trend's basis (N, q): Cholesky factors of the covariance with noise and of the trend's
+    information, the trend's coefficients, and the whitened rest (N, 3)."""
     L = cholesky(K + (share + NUGGET) * np.eye(len(K)), lower=True)
     white, basis = solve_triangular(L, errors, lower=True), solve_triangular(L, H, lower=True)
     M = cholesky(basis.T @ basis, lower=True)

@@ -86,7 +86,7 @@ class Identified(Shown, Generic[R]):
         object.__setattr__(self, "state", self.fit.problem.unknowns.state(self.fit.x))
 
     def about(self) -> dict[str, str]:
-        """Of how many rows, and how far they are off before and after."""
+        """Return the number of rows, and how far they are off before and after."""
         used = self.kept & self.rows.placed
         before, after = (float(np.linalg.norm(e[used], axis=1).mean()) for e in (self.nominal_errors_mm(), self.errors_mm()))
         scatter = f"{self.noise.position_mm:.4f} mm" if self.tells_noise else "cannot be determined"
@@ -193,7 +193,7 @@ def widths(robot: R, settings: Settings) -> FloatArray | None:
 
 
 def family(name: str) -> str:
-    """Of a parameter, by its name."""
+    """Return the family of a parameter, by its name."""
     key = name.rsplit(".", 1)[-1]
     return next((f for f, ends in FAMILIES.items() if key in ends), "links")
 

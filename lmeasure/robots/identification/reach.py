@@ -208,7 +208,7 @@ class PredictionMap:
         return float(np.median(self.u95_mm)), float(np.quantile(self.u95_mm, 0.95)), float(self.u95_mm.max())
 
     def columns(self) -> dict[str, FloatArray | IntArray]:
-        """Of workspace.csv, one row for each cell."""
+        """Return the columns of workspace.csv, one row for each cell."""
         place = dict(zip(("x_mm", "y_mm", "z_mm"), self.cells.T, strict=True))
         return {**place, "u95_mm": self.median_mm, "largest_u95_mm": self.largest_mm, "poses": self.poses}
 

@@ -149,7 +149,7 @@ def _slider_roots(v: Values, a: FloatArray, _: Any) -> FloatArray:
 
 
 def _hinge(u: Any, turn: Any, tilt: Any) -> tuple[Any, Any, Any]:
-    """Of a carriage's hinge: outwards, its axis, and upwards; Rz(u + turn) Rx(tilt)."""
+    """Return the axes of a carriage's hinge: outwards, its axis, and upwards; Rz(u + turn) Rx(tilt)."""
     c, s = np.cos(u + turn), np.sin(u + turn)
     ct, st = np.cos(tilt), np.sin(tilt)
     return _point(c, s, 0.0 * c), _point(-s * ct, c * ct, st + 0.0 * c), _point(s * st, -c * st, ct + 0.0 * c)

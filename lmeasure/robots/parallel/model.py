@@ -49,7 +49,7 @@ COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
 
 @dataclass(frozen=True)
 class Rows:
-    """Of n poses: directions (n, 6, 3), places on the platform (n, 6, 3) and what reaches to them (n, 6, 3) from the lower ends, base
+    """Legs at n poses: directions (n, 6, 3), places on the platform (n, 6, 3) and what reaches to them (n, 6, 3) from the lower ends, base
     axes; pluecker (n, 6, 6) rows (moment; direction) at the base's origin."""
 
     directions: FloatArray
@@ -112,7 +112,7 @@ class Parallel:
 
     @cached_property
     def size_mm(self) -> float:
-        """Of the platform [mm]: what a turn by a radian moves."""
+        """Return the size of the platform [mm]: what a turn by a radian moves."""
         points = np.array([leg.point for leg in self.legs])
         return max(float(np.linalg.norm(points - points.mean(axis=0), axis=1).max()), 1.0)
 
@@ -229,7 +229,8 @@ class Parallel:
         return Rows(np.where(held, normals, along), places, spans)
 
     def jacobians(self, poses: FloatArray, drives: FloatArray) -> Jacobians:
-        """Of the residuals by displacements (omega; shift of the platform's origin) in base axes, and by the drives."""
+        """Return the derivatives of the residuals by displacements (omega; shift of the platform's origin) in base axes, and by the
+        drives."""
         rows, by_drives, _ = self._changes(poses, drives)
         d, arm = rows.directions, rows.places - poses[:, None, :3]
         return Jacobians(np.concatenate([np.cross(arm, d), d], axis=-1), -by_drives)
@@ -272,8 +273,8 @@ class Parallel:
         return np.asarray(every[off < REACHED_MM])
 
     def roots(self, poses: FloatArray) -> list[FloatArray]:
-        """Of each leg (N, roots, d) drives that take its upper end to where poses (N, 7) have it; what legs without drives allow is not
-        looked at."""
+        """Return, for each leg, (N, roots, d) drives that take its upper end to where poses (N, 7) have it; what legs without drives allow
+        is not looked at."""
         turn = se3.matrices(poses)
         return [leg.of.roots(leg.values, poses[:, :3] + turn @ leg.point, leg.carried) for leg in self.legs]
 

@@ -296,7 +296,7 @@ def _countable(axes: tuple[FloatArray, ...]) -> None:
 
 
 def _ended_by(file: ParallelFile, found: Workspace, orientation: FloatArray) -> dict[str, int]:
-    """Of places outside beside one inside: how many break each limit."""
+    """Return the numbers of places outside beside one inside: how many break each limit."""
     inner = np.pad(found.inside, 1)
     beside = np.zeros_like(found.inside)
     for axis in range(3):

@@ -160,7 +160,7 @@ class Consistency:
         return np.asarray(np.flatnonzero(wrong))
 
     def _limit(self, used: BoolArray, epochs: IntArray, poses: FloatArray) -> float:
-        """Of chi-squared of these channels, at these epochs or any of them before."""
+        """Return the limit of chi-squared of these channels, at these epochs or any of them before."""
         key = used.tobytes()
         if key not in self._limits:
             self._limits[key] = self._redundancy.chance(self._epochs.at(epochs), poses[epochs], used).limit(SIGNIFICANCE / self._samples)
@@ -199,7 +199,7 @@ class Consistency:
         return tuple(usable.tolist()) if spare == 1 else (), False
 
     def _chances(self, sets: list[tuple[int, ...]], chosen: IntArray) -> list[float]:
-        """Of each set of cables, the chance that the others contradict each other as much as they do at the chosen epochs."""
+        """Return, for each set of cables, the chance that the others contradict each other as much as they do at the chosen epochs."""
         poses = []
         for cables in ((), *sets):
             way, every = self._followed(cables, chosen, int(chosen.min()))
@@ -221,7 +221,8 @@ class Consistency:
         return chances
 
     def _chance(self, epochs: Epochs, cables: tuple[int, ...], poses: FloatArray, *, rounded: bool = False) -> float:
-        """Of contradictions as large without these cables, at poses (n, 7), by all epochs together and by the worst alone (Bonferroni), by
+        """Return the chance of contradictions as large without these cables, at poses (n, 7), by all epochs together and by the worst
+        alone (Bonferroni), by
         the normal law or, rounded, by that of rounding, which is never above it but takes longer; -1 where no pose is known."""
         known = np.isfinite(poses[:, 0])
         if not known.any():

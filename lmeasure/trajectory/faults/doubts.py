@@ -15,7 +15,7 @@ EVERY = -1  # Instead of a cable: all of them
 
 @dataclass(frozen=True)
 class During:
-    """Of a cable, or another channel (index), or `EVERY`, from the sample behind after_s to the one at until_s [s]."""
+    """Doubt of a cable, or another channel (index), or `EVERY`, from the sample behind after_s to the one at until_s [s]."""
 
     cable: int
     after_s: float

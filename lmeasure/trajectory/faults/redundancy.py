@@ -242,8 +242,8 @@ class Redundancy:
         return np.asarray(residual)
 
     def parities(self, epochs: Epochs, poses: FloatArray, used: BoolArray | None = None) -> Parities:
-        """Of epochs at poses (n, 7) near the true ones, by the cables used (n, m), those that have a change by default; where there is no
-        pose nothing is known and no degree of freedom."""
+        """Return the redundancy of epochs at poses (n, 7) near the true ones, by the cables used (n, m), those that have a change by
+        default; where there is no pose nothing is known and no degree of freedom."""
         n, m = epochs.change_mm.shape
         used = np.isfinite(epochs.change_mm) if used is None else used
         used = used & np.isfinite(poses[:, :1])
@@ -317,7 +317,7 @@ class Redundancy:
         return np.asarray(shared @ np.swapaxes(shared, 1, 2) + own[:, :, None] * np.eye(own.shape[1]))
 
     def chance(self, epochs: Epochs, poses: FloatArray, used: BoolArray) -> ChanceOfContradiction:
-        """Of contradictions of the channels used (m,) where nothing is wrong, at any of n epochs at poses (n, 7)."""
+        """Return the chance of contradictions of the channels used (m,) where nothing is wrong, at any of n epochs at poses (n, 7)."""
         some = np.unique(np.linspace(0, len(epochs) - 1, min(len(epochs), PLACES)).round().astype(np.intp))
         epochs, poses = epochs.at(some), poses[some]
         every = np.broadcast_to(used, (len(some), len(used)))

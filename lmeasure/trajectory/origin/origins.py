@@ -244,8 +244,8 @@ def _between(e: FloatArray, own: FloatArray, common: FloatArray) -> tuple[int, i
 
 
 def _ramp(e: FloatArray, weight: FloatArray) -> tuple[int, int]:
-    """Of n errors with weights (n,): how many of the first, and from which on the last, lie beside every ramp between two constants that is
-    likely."""
+    """Return, for n errors with weights (n,): how many of the first, and from which on the last, lie beside every ramp between two
+    constants that is likely."""
     n = len(e)
     firsts, lasts = (0, n), (0, n)
     while True:

@@ -153,8 +153,8 @@ def _summed(steps: NDArray[Any]) -> IntArray:
 
 
 def _reconciled(stamps_s: FloatArray, steps: IntArray, clear: BoolArray, pause: BoolArray) -> BoolArray:
-    """Of samples (n,) those on stretches where the tool moves; the steps (n - 1,) between such stretches are brought to what all stamps on
-    either side say, which is more than those of a short rest do. All samples where the tool hardly moves."""
+    """Return, of samples (n,), those on stretches where the tool moves; the steps (n - 1,) between such stretches are brought to what all
+    stamps on either side say, which is more than those of a short rest do. All samples where the tool hardly moves."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], clear, [False]]).astype(np.int64))).reshape(-1, 2)
     moves = [slice(a, b + 1) for a, b in edges.tolist() if b - a >= LEAST_OF_BLOCK]
     known = np.zeros(len(stamps_s), np.bool_)

@@ -300,8 +300,8 @@ class Budget:
         return (*uniform, *(False,) * second_order_variables(self._rough.shape[1]))
 
     def restored_origins(self) -> list[tuple[int, float, float, float, float]]:
-        """Of each restored channel its index, from when and until when [s], by how much its readings were too large, and the standard
-        uncertainty of that, as the run determined."""
+        """Return, for each restored channel its index, from when and until when [s], by how much its readings were too large, and the
+        standard uncertainty of that, as the run determined."""
         if self.estimate is None:
             return []
         out, n = [], len(self.restored)
