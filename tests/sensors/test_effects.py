@@ -134,7 +134,7 @@ def test_uncertainty_of_effects_is_that_of_drawn_rigs() -> None:
     u = np.sqrt(np.einsum("nii->ni", reconstruct(run).systematic))[-1]
     rng = np.random.default_rng(5)
     found = []
-    for _ in range(60):
+    for _ in range(40):
         data = rig_with(CABLE, {"frame_expansion_per_k": 1.2e-5 + 2e-6 * rng.normal()}).to_dict()
         for point in data["observation_point"]:
             for key, width in uncertain.items():

@@ -3,7 +3,6 @@
 import ast
 import re
 import string
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -56,9 +55,9 @@ def test_a_language_has_every_id_and_its_values(language: str) -> None:
 
 
 @cache
-def constants() -> tuple[frozenset[str], tuple[re.Pattern[str], ...]]:
-    """Texts of the code, and patterns of those that are put together."""
-    plain, patterns = set(), set()
+def constants() -> tuple[frozenset[str], tuple[re.Pattern[str], ...], tuple[tuple[str, ast.Call, str], ...]]:
+    """Texts of the code, patterns of those that are put together, and calls with an id: where, and which."""
+    plain, patterns, calls = set(), set(), []
     for path in ROOT.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
@@ -67,14 +66,18 @@ def constants() -> tuple[frozenset[str], tuple[re.Pattern[str], ...]]:
                 parts = [str(part.value) if isinstance(part, ast.Constant) else None for part in node.values]
                 if len("".join(filter(None, parts))) > 2:
                     patterns.add("".join(r"[\w.%/ -]*" if part is None else re.escape(part) for part in parts))
+            elif isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("message", "say", "word", "Message"):
+                calls += [
+                    (f"{path.name}:{node.lineno}", node, str(a.value)) for a in node.args[:1] if isinstance(a, ast.Constant) and a.value
+                ]
     for path in (*(ROOT / "workbench").rglob("*.*"), *(ROOT / "report").rglob("*.html")):
         if path.suffix in (".html", ".svg"):
             plain |= set(re.findall(r"""['">]([\w./%]+)['"<]""", path.read_text(encoding="utf-8")))
-    return frozenset(plain), tuple(map(re.compile, sorted(patterns)))
+    return frozenset(plain), tuple(map(re.compile, sorted(patterns))), tuple(calls)
 
 
 def test_every_text_is_used() -> None:
-    plain, patterns = constants()
+    plain, patterns, _ = constants()
     unused = []
     for key in own("en"):
         head, _, rest = key.partition(".")
@@ -87,19 +90,9 @@ def test_every_text_is_used() -> None:
     assert unused == []
 
 
-def calls() -> Iterator[str]:
-    """First arguments of calls that take an id."""
-    for path in ROOT.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and node.args and getattr(node.func, "id", "") in ("message", "say", "Message"):
-                first = node.args[0]
-                if isinstance(first, ast.Constant) and first.value:
-                    yield str(first.value)
-
-
 def test_every_id_of_the_code_has_a_text() -> None:
     known = own("en")
-    assert sorted(set(calls()) - set(known)) == []
+    assert sorted({key for _, call, key in constants()[2] if getattr(call.func, "id", "") != "word"} - set(known)) == []
     templates = [path.read_text(encoding="utf-8") for package in ("workbench", "report") for path in (ROOT / package).rglob("*.html")]
     assert [key for text in templates for key in re.findall(r"""\b(?:_|say)\(["']([\w./%]+)["'][,)]""", text) if key not in known] == []
     begin = {key.partition(".")[0] for key in known} - set(SUBJECTS)
@@ -120,12 +113,10 @@ def test_a_label_has_words() -> None:
 
 def test_a_call_gives_every_value_that_its_text_names() -> None:
     known, lacking = own("en"), []
-    for path in ROOT.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and node.args and getattr(node.func, "id", "") in ("message", "say", "word"):
-                first, given = node.args[0], {keyword.arg for keyword in node.keywords}
-                if isinstance(first, ast.Constant) and first.value in known and None not in given and len(node.args) == 1:
-                    wanted = {name for name, _, _ in fields_of(known[first.value])}
-                    if given and not wanted <= given:
-                        lacking.append(f"{path.name}:{node.lineno}: {first.value}: {sorted(wanted - given)}")
+    for where, call, key in constants()[2]:
+        given = {keyword.arg for keyword in call.keywords}
+        if getattr(call.func, "id", "") != "Message" and key in known and None not in given and len(call.args) == 1:
+            wanted = {name for name, _, _ in fields_of(known[key])}
+            if given and not wanted <= given:
+                lacking.append(f"{where}: {key}: {sorted(wanted - given)}")
     assert lacking == []

@@ -97,8 +97,8 @@ def test_every_command_that_takes_a_run_takes_one_without_a_start(tmp_path: Path
 def test_a_certificate_holds_the_start_that_nobody_stated(tmp_path: Path) -> None:
     """Its uncertainty is common to all poses; figures of differences know it."""
     write_campaign(tmp_path, rig=read_run(AUTHORITY / "swivel-run").rig)
-    given = ("trajectory.parquet", "--run", "run", "--program", "program.toml", "--out", "certificate", "--trials", "400")
-    done = CliRunner().invoke(app, ["certify", *(w if w.startswith("-") or w == "400" else str(tmp_path / w) for w in given)])
+    given = ("trajectory.parquet", "--run", "run", "--program", "program.toml", "--out", "certificate", "--trials", "150")
+    done = CliRunner().invoke(app, ["certify", *(w if w.startswith("-") or w == "150" else str(tmp_path / w) for w in given)])
     assert done.exit_code == 0, (done.output, done.exception)
     content = json.loads((tmp_path / "certificate" / "certificate.json").read_text())
     assert "origins of the channels" in json.dumps(content)
