@@ -123,7 +123,7 @@ def record_from(what: str, counts: IntArray, rate_hz: float, folder: Path) -> tu
 
 def test_seconds_between_processes_lose_nothing(tmp_path: Path) -> None:
     """The short form of benchmarks/acquisition_endurance.py."""
-    counts = positions(5_000, 1000.0)
+    counts = positions(2_500, 1000.0)
     with ThreadPoolExecutor() as both:  # at once: two rigs on one computer
         running = {w: both.submit(record_from, w, counts, 1000.0, tmp_path / w) for w in ("udp_multicast", "socketcand")}
     for what, done in running.items():
@@ -133,7 +133,7 @@ def test_seconds_between_processes_lose_nothing(tmp_path: Path) -> None:
 
 
 def test_six_cia_406_encoders_at_500_hz(tmp_path: Path) -> None:
-    counts, group = positions(1500, 500.0), a_group()
+    counts, group = positions(750, 500.0), a_group()
     table = {"decoder": "cia406", "channel": [{"channel": f"ch{n}", "node": n, "serial": 9000 + n} for n in range(1, 7)]}
     rig = the_rig(table)
     with feeding("cia406", counts, 500.0, group, tmp_path) as (_, process):

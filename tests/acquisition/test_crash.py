@@ -114,7 +114,7 @@ def kill_many(recorders: Recorders, count: int, seed: int) -> None:
 
 
 def test_killed_at_any_moment_everything_up_to_then_is_readable(recorders: Recorders) -> None:
-    kill_many(recorders, 5, seed=5)
+    kill_many(recorders, 3, seed=5)
 
 
 @pytest.mark.slow

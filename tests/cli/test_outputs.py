@@ -217,13 +217,6 @@ def interrupted(*_: object) -> None:
     raise KeyboardInterrupt
 
 
-def test_exit_code_and_one_line(desk: Path) -> None:
-    (desk / "out" / "rig.json").write_text("mine")
-    done = subprocess.run([sys.executable, "-m", "lmeasure", "schema", "rig", "--out", "out/rig.json"], capture_output=True, text=True)
-    assert done.returncode == 2
-    assert done.stderr == "lmeasure: out/rig.json: exists; --force replaces it, or give another name\n"
-
-
 def test_what_killed_processes_left_of_an_output_is_removed(desk: Path) -> None:
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
