@@ -6,7 +6,7 @@ import pytest
 
 from lmeasure.estimation import confidence_regions
 
-LOOK_AT_REGIONS = ("test_doubted_residuals", "test_phase_of_zero", "test_recover", "test_regions", "test_robust")
+LOOK_AT_REGIONS = ("test_doubted_residuals", "test_phase_of_zero", "test_published_rig", "test_recover", "test_regions", "test_robust")
 
 
 @pytest.fixture(scope="module", autouse=True)
