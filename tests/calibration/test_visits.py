@@ -144,7 +144,7 @@ def test_two_passes_share_a_pose_s_error_and_not_the_robot_s() -> None:
     model = Model(campaign, unknowns_of(campaign, ("position",)))
     V = model.covariance(model.start) - model.reading_covariance()
     rng, drawn, passage = np.random.default_rng(0), [], np.array([c.passage for c in rig.cable])
-    for _ in range(2000):
+    for _ in range(600):
         stated, errors = rng.normal(0, shared, (n, 3)), {}
         for number in (1, 2):
             moved = rows.copy()
@@ -155,8 +155,8 @@ def test_two_passes_share_a_pose_s_error_and_not_the_robot_s() -> None:
         drawn.append(np.where(passage[model.cable_index] == 1, errors[1], errors[2]))
     met = np.cov(np.array(drawn).T)
     scale = np.sqrt(np.outer(np.diag(V), np.diag(V)))
-    # a correlation of 2,000 draws is known to 0.022
-    assert np.abs((met - V) / scale).max() < 0.1
+    # a correlation of 600 draws is known to 0.04
+    assert np.abs((met - V) / scale).max() < 0.18
     across = passage[model.cable_index][:, None] != passage[model.cable_index]
     assert 0.05 < np.abs((V / scale)[across]).max() < shared**2 / (shared**2 + own**2) + 1e-9
 
