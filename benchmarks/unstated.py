@@ -7,12 +7,14 @@ and then measures a motion whose start, the calibration's zero pose, is stated t
 and reference_poses.csv state the typical size of every effect that the world has, and 0 of the others; "unstated": they state nothing. A
 world that is broken beyond its sizes states the typical ones. "exact": the plain fit, with stated references and nothing else uncertain.
 
-inside: share of measured positions in the 95 % region; u: stated standard uncertainty of a coordinate [mm]; refused: exit with a message.
+inside: share of measured positions in the 95 % region; u: stated standard uncertainty of a coordinate [mm]; refused: exit with a message;
+warnings: codes of the rigs that were not refused, with the number of rigs where it is not all.
 """
 
 import itertools
 import math
 import tempfile
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -502,7 +504,7 @@ def page(records: list[dict[str, Any]]) -> str:
                 (f"{np.sqrt(np.mean(whole['error_mm'] ** 2)):.4f}", f"{np.sqrt(np.mean(whole['u_mm'] ** 2)):.4f}",
                  percent(whole["inside"]), f"{np.mean(whole['nees']):.2f}") if len(whole) else ("-",) * 4
             )  # fmt: skip
-            codes = dict.fromkeys(c for own_codes in whole.get("codes", ()) for c in own_codes)
+            codes = Counter(c for own_codes in whole.get("codes", ()) for c in own_codes)
             rows.append(
                 (
                     world,
@@ -511,7 +513,7 @@ def page(records: list[dict[str, Any]]) -> str:
                     len(own) - len(whole),
                     *cells,
                     f"{whole['seconds'].mean():.1f}" if len(whole) else "-",
-                    " ".join(codes),
+                    " ".join(code if count == len(whole) else f"{code} ({count})" for code, count in codes.most_common()),
                 )
             )
     return table(("world", "mode", "rigs", "refused", "error / mm", "u / mm", "inside / %", "NEES/3", "s", "warnings"), rows)
