@@ -64,7 +64,7 @@ def main() -> None:
         folder, out = Path(scratch), Path(scratch) / "output"
         jobs = {
             "demo": ["demo", "--no-browser", "--out", f"{folder}/demo"],
-            "reconstruct, 15,053 samples": ["reconstruct", f"{folder}/demo/run", "--out", f"{folder}/t.parquet"],
+            "reconstruct, 7,527 samples": ["reconstruct", f"{folder}/demo/run", "--out", f"{folder}/t.parquet"],
             "zone, 185,193 poses": [
                 "zone", f"{folder}/demo/run/rig.toml", *(f"--{axis}=-900:900:100" for axis in "xyz"), "--tilt-rad", "0.3",
                 "--tilt-steps", "3", "--out", f"{folder}/zone.nc",

@@ -190,15 +190,23 @@ class Measured:
     logo: Logo | None = None
 
 
-def measure(inputs: Inputs, settings: CertificationSettings, progress: Progress | None = None, *, same: bool = True) -> Measured:
+def measure(
+    inputs: Inputs,
+    settings: CertificationSettings,
+    progress: Progress | None = None,
+    *,
+    same: bool = True,
+    trajectory: Trajectory | None = None,
+) -> Measured:
     """Evaluate a measurement from its files.
 
     With a run the poses are those of its counts, and the trajectory file must hold the same; else CertificationError names the row. same:
-    False where another method made that file, which may hold other poses.
+    False where another method made that file, which may hold other poses. trajectory: that of the run by the same settings, where it is
+    known already.
     Raises what reading the files, `reconstruct` and `evaluate` raise.
     """
     program = read_program(inputs.program)
-    found = _measured(inputs, program, settings, progress, same=same)
+    found = _measured(inputs, program, settings, progress, same=same, known=trajectory)
     unused = undecided(found.evaluation.characteristics, program.tolerance)
     if unused is not None:
         where = "".join(f" at {name}" for name in (unused.pose, unused.path) if name is not None)
@@ -208,7 +216,9 @@ def measure(inputs: Inputs, settings: CertificationSettings, progress: Progress 
     return found
 
 
-def _measured(inputs: Inputs, program: Program, settings: CertificationSettings, progress: Progress | None, *, same: bool) -> Measured:
+def _measured(
+    inputs: Inputs, program: Program, settings: CertificationSettings, progress: Progress | None, *, same: bool, known: Trajectory | None
+) -> Measured:
     details, logo = Details(), None
     doubts: tuple[Message, ...] = ()
     if inputs.details is not None:
@@ -226,7 +236,7 @@ def _measured(inputs: Inputs, program: Program, settings: CertificationSettings,
         trajectory, curve = reconstruct_curve(aligned, inputs.constraint)
         model = ErrorsOfCurve(curve)
     else:
-        trajectory = reconstruct(aligned, inputs.constraint, inputs.repeatability_mm, covariances=False)
+        trajectory = reconstruct(aligned, inputs.constraint, inputs.repeatability_mm, covariances=False) if known is None else known
         model = ErrorsOfRun(aligned, inputs.constraint, inputs.repeatability_mm)
     if same:
         _check_same(inputs.trajectory, trajectory)

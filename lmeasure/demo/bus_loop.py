@@ -12,7 +12,7 @@ from lmeasure.rig import Rig
 from lmeasure.simulation import Leg, SimulatedRun, simulate_run, smooth_path
 
 DWELL_S = 0.2
-REFERENCE_RATE_HZ = 200.0
+REFERENCE_RATE_HZ = 100.0
 SPEED_MM_S = 800.0
 
 

@@ -113,9 +113,9 @@ ROBOT_STEPS = 9
 PAGE = "demo.html"
 LOST_COUNTS = 200
 """By which the fault of the page changes a counter."""
-RUN_RATE_HZ = 1000.0
+RUN_RATE_HZ = 500.0
 WAYPOINTS = 12
-ZONE_HALF_MM, ZONE_STEP_MM = 900.0, 100.0
+ZONE_HALF_MM, ZONE_STEP_MM = 900.0, 150.0
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ ROBOT_STAGES = COUNT, CALIBRATE, PERFORM, RECORD, RECONSTRUCT, CERTIFY, *_, DRAW
 CUBE = largest_cube((-250.0,) * 3, (250.0,) * 3)
 AGAIN = ("pose", "path")
 """Tests that are run again by the corrected program."""
-RATE_HZ = 200.0
+RATE_HZ, BRIEF_RATE_HZ = 200.0, 125.0
 TESTS = Tests(
     tests=("pose", "approach", "stabilisation", "path", "reorientation", "posing", "compliance", "weaving"),
     speed_mm_s=RATED_SPEED_MM_S,
@@ -160,7 +160,8 @@ def robot_tested(
     plan = campaign(CUBE, tests)
     write_commands(out / "commands.csv", plan)
     robot = cell_robot(seed)
-    done = robot.perform(plan.commands, plan.start, RATE_HZ, rng, progress=report)
+    rate_hz = RATE_HZ if thorough else BRIEF_RATE_HZ
+    done = robot.perform(plan.commands, plan.start, rate_hz, rng, progress=report)
     program = timed(plan.program, done, tests.settle_s)
     write_program(out / "program.toml", program)
 
@@ -177,7 +178,8 @@ def robot_tested(
     report = step(CERTIFY)
     settings = settings or CertificationSettings()
     inputs = Inputs(out / "trajectory.parquet", out / "program.toml", out / "run")
-    certificate = write_certificate(out / "certificate", inputs, settings, Choices(of_terminal(), force=True), progress=report)
+    choices = Choices(of_terminal(), force=True)
+    certificate = write_certificate(out / "certificate", inputs, settings, choices, trajectory=trajectory, progress=report)
     held = hold(certificate["characteristics"], _without_errors(trajectory, done.poses), program, settings)
     files.write_table(out / "characteristics.csv", {key: [getattr(h, key) for h in held] for key in Held.__dataclass_fields__})
 
@@ -186,7 +188,7 @@ def robot_tested(
     loop = None
     if correct:
         again = campaign(CUBE, replace(tests, tests=tuple(t for t in AGAIN if t in tests.tests)))
-        retest = Retest(again, settings, tests.settle_s, RATE_HZ)
+        retest = Retest(again, settings, tests.settle_s, rate_hz)
         loop = close_loop(out, cell, robot, retest, first=(program, done), rng=rng, step=step, thorough=thorough)
     return Tested(held, loop, run, trajectory, done.poses)
 

@@ -98,11 +98,11 @@ def close_loop(
     """Identify the robot, correct and run its program, and compare its certificate with the first in `out`; all files into `out`.
 
     first: the program that was certified, and how it was carried out; the robot goes on from there, as warm as it then was.
-    thorough: judge the identification by poses that are held out of it, and by fewer poses; else it takes half as many poses.
+    thorough: judge the identification by poses that are held out of it, and by fewer poses; else it takes a third of the poses.
     """
     warm_s = float(first[1].time_s[-1])
     report = step(IDENTIFY)
-    count = IDENTIFIED_AT if thorough else IDENTIFIED_AT // 2
+    count = IDENTIFIED_AT if thorough else IDENTIFIED_AT // 3
     poses = scattered_poses(count, (INSIDE * WORK_SPACE_MM,) * 3, INSIDE * WORK_TILT_RAD, STANDS, rng=rng)
     ways = [Command(row[None], RATED_SPEED_MM_S, RESTS_S, f"I{i}", load_kg=RATED_LOAD_KG) for i, row in enumerate(poses, 1)]
     done = robot.perform(ways, retest.plan.start, retest.rate_hz, rng, since_s=warm_s)
@@ -134,9 +134,11 @@ def close_loop(
     write_run(out / "again" / "run", cell.record(later, rng, report))
 
     report = step(CERTIFY_AGAIN)
-    write_trajectory(out / "again" / "trajectory.parquet", reconstruct(read_run(out / "again" / "run")))
+    trajectory = reconstruct(read_run(out / "again" / "run"))
+    write_trajectory(out / "again" / "trajectory.parquet", trajectory)
     measured = Inputs(out / "again" / "trajectory.parquet", out / "again" / "program.toml", out / "again" / "run")
-    write_certificate(out / "again" / "certificate", measured, retest.settings, Choices(language, force=True), progress=report)
+    choices = Choices(language, force=True)
+    write_certificate(out / "again" / "certificate", measured, retest.settings, choices, trajectory=trajectory, progress=report)
     true_mm = standing(*first), standing(program, later)
     return _compared(out, judged, corrected, true_mm, language)
 

@@ -34,6 +34,7 @@ from lmeasure.report.readable import page_alike, page_text, pdf_text, xml_text
 from lmeasure.report.summary import counted
 from lmeasure.report.text import word
 from lmeasure.text import message
+from lmeasure.trajectory import Trajectory
 
 PDF = "certificate.pdf"
 PAGE = "report.html"
@@ -81,9 +82,15 @@ class Choices:
 
 
 def write_certificate(
-    out: Path, inputs: Inputs, settings: CertificationSettings, choices: Choices, *, progress: Callable[[int, int], None] | None = None
+    out: Path,
+    inputs: Inputs,
+    settings: CertificationSettings,
+    choices: Choices,
+    *,
+    trajectory: Trajectory | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
-    """Write the folder of a certificate, whole or not at all; the certificate.
+    """Write the folder of a certificate, whole or not at all; the certificate. trajectory: of the run, where it is known already.
 
     Raises what reading and evaluating the inputs raise, and CertificationError when the folder is another's or the DCC does not keep to
     its XSD.
@@ -93,7 +100,7 @@ def write_certificate(
     if inside := [path for path in copies.values() if path.resolve().is_relative_to(Path(out).resolve())]:
         raise ForeignFolderError(message("error.is_an_input_in", where=inside[0]))
     with new_folder(out, force=choices.force) as folder:
-        measured = measure(inputs, settings, progress)
+        measured = measure(inputs, settings, progress, trajectory=trajectory)
         if not measured.evaluation.characteristics:
             raise CertificationError(message("error.names_no_pose_or", where=inputs.program))
         _without_holes(measured.evaluation)

@@ -126,7 +126,7 @@ def test_demo_table_against_its_own_files(ran: Ran) -> None:
     assert ran.line("observation points before")[0] == pytest.approx(rms_length(nominal - true), abs=6e-3)
     assert ran.line("observation points [mm")[0] == pytest.approx(rms_length(calibrated - true), abs=6e-4)
     with xr.open_dataset(out / "zone.nc", engine="h5netcdf") as zone:
-        assert ran.line("zone volume")[1] == f"{float(zone['in_zone'].sum()) * 0.1**3:.4f}"
+        assert ran.line("zone volume")[1] == f"{float(zone['in_zone'].sum()) * 0.15**3:.4f}"
 
 
 def test_demo_measures_well(ran: Ran) -> None:
