@@ -14,7 +14,7 @@ from .correction import write_correction_page as write_correction_page
 from .demonstration import Part as Part, write_demo_page as write_demo_page
 from .fleet import FleetItem as FleetItem, write_fleet_page as write_fleet_page
 from .html import BASE_STYLE as BASE_STYLE, blocks as blocks, kept as kept
-from .inspection import write_inspection_page as write_inspection_page
+from .inspection import write_inspection_page as write_inspection_page, zone_lines as zone_lines
 from .interim import write_check_page as write_check_page
 from .mechanism import workspace_words as workspace_words, write_mechanism_page as write_mechanism_page
 from .plots import (

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from lmeasure.certificate import chosen, gathered, halving, with_u95 as with_u95
 from lmeasure.iso9283 import key_of, quantity_of
 from lmeasure.report.text import unit, word
-from lmeasure.text import decimal, from_stated, number, numbers, settled, signs, texts
+from lmeasure.text import Message, decimal, from_stated, number, numbers, sentence, settled, signs, texts
 
 Rows = list[tuple[str, ...]]
 
@@ -425,7 +425,7 @@ def notes(certificate: dict[str, Any]) -> list[str]:
         out.append(word(language, "angles", angles=visible(certificate["angles"])))
     if any(c.get("extension") for c in figures):
         out.append(word(language, "extension.text"))
-    out += [phrase(certificate, note) for note in certificate["notes"]]
+    out += [visible(signs(sentence(_finding(certificate, note), language))) for note in certificate["notes"]]
     # of whom a component takes its verdict is said once for all
     codes = {entry["text"]: entry["code"] for entry in certificate.get("findings", [])}
     own = [c for c in figures if c.get("note") and codes.get(c["note"]) != "verdict.of_vector"]
@@ -437,9 +437,13 @@ def notes(certificate: dict[str, Any]) -> list[str]:
 
 def phrase(certificate: dict[str, Any], text: str) -> str:
     """Return a text of the computation in the certificate's language by the id that the certificate has for it, else as it is."""
+    found = _finding(certificate, text)
+    return visible(signs(found.text(certificate["language"]) if isinstance(found, Message) else found))
+
+
+def _finding(certificate: dict[str, Any], text: str) -> str:
     entry = next((e for e in certificate.get("findings", []) if e["text"] == text), None)
-    found = None if entry is None else from_stated(entry)
-    return visible(signs(text if found is None else found.text(certificate["language"])))
+    return text if entry is None else from_stated(entry) or text
 
 
 class Budget(NamedTuple):

@@ -1,16 +1,21 @@
-"""Page of any file: what it is in one line, its picture, and what its reader has to say of it."""
+"""Page of any file: what it is, its picture, what to do next, and what its reader has to say of it."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import plotly.graph_objects as go
+import xarray as xr
 from markupsafe import Markup
 
-from lmeasure.report import figures, html
+from lmeasure.accuracy import extent
+from lmeasure.report import figures, html, zone_text
 from lmeasure.text import Message, Say
 
 
-def write_inspection_page(path: Path, title: str, what: Message, *, lines: Sequence[str], figure: go.Figure | None, language: str) -> None:
+def write_inspection_page(
+    path: Path, title: str, what: Message, *, lines: Sequence[str], figure: go.Figure | None, command: str = "", language: str
+) -> None:
     """Write a self-contained page, whole or not at all.
 
     Parameters
@@ -20,25 +25,34 @@ def write_inspection_page(path: Path, title: str, what: Message, *, lines: Seque
     title
         Name of the file.
     what
-        Kind of file, in one line.
+        Kind of file, in one line that begins with its name.
     lines
         Remarks, a line each.
     figure
         Picture of the content.
+    command
+        What to type next.
     language
         Language of the page.
     """
     say = Say(language)
-    shown = [line.text(language) if isinstance(line, Message) else line for line in lines]
-    plot = Markup() if figure is None else figures.figure(figure, "picture", language)
-    answer = html.Answer(title, what.text(language), "", (), "", (), Markup())
+    shown = [say.message(line) if isinstance(line, Message) else line for line in lines]
+    kind = re.sub(r"^\W+", "", Message(what.code, {**what.values, "file": ""}).text(language))
+    picture = Markup() if figure is None else figures.figure(figure, "picture", language, hero=True)
+    steps = (html.Step("", command),) if command else ()
+    answer = html.Answer(title, f"{kind[:1].upper()}{kind[1:]}", "", (), "", steps, picture)
     indented = any(line.startswith(" ") for line in shown)
     html.write_page(
         path,
         "inspection.html",
         answer,
         say,
-        plot=plot,
         text="\n".join(map(str, shown)) if indented else "",
         blocks=[] if indented else html.blocks(html.joined(line) for line in shown),
     )
+
+
+def zone_lines(zone: xr.Dataset, language: str) -> list[str]:
+    """Return what was found of a zone, a sentence each."""
+    say = Say(language)
+    return [*zone_text.findings(zone, extent(zone), say), *zone_text.assumed(zone, say)]

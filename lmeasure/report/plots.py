@@ -28,7 +28,7 @@ from lmeasure.report import correction, figures, html, structure
 from lmeasure.report.calibration_figures import residuals_figure
 from lmeasure.report.robot import errors_figure
 from lmeasure.report.text import axes
-from lmeasure.report.zone_figures import slices_figure, space_figure
+from lmeasure.report.zone_figures import space_figure, u95_figure
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.robot_programs import Corrected
 from lmeasure.robots import Identified
@@ -296,7 +296,7 @@ DRAWN: dict[type, Callable[[Any, Rig | None], go.Figure]] = {
     Calibration: lambda calibration, rig: residuals_figure(calibration.record, calibration.rig),
     CalibrationRecord: lambda record, rig: residuals_figure(record, rig),
     Trajectory: _trajectory,
-    xr.Dataset: lambda zone, rig: slices_figure(zone) if rig is None else space_figure(zone, rig),
+    xr.Dataset: lambda zone, rig: u95_figure(zone, every=True) if rig is None else space_figure(zone, rig),
     Plan: lambda plan, rig: _poses(plan.poses, rig),
     Placed: lambda placed, rig: _rig(placed.rig, None),
     Program: _program,

@@ -14,7 +14,7 @@ from lmeasure.kernels import BASE_XYZ, wrap_geometry
 from lmeasure.report import figures, html
 from lmeasure.report.text import axes
 from lmeasure.rig import Rig
-from lmeasure.text import Cause, Say, decimal, is_of, number, settled, signs, texts
+from lmeasure.text import Cause, Say, decimal, is_of, number, settled, texts
 from lmeasure.trajectory import RESTORED_ORIGIN, Trajectory, Vibration
 
 MOST_LINES = 100
@@ -85,6 +85,8 @@ def _verdict(found: Along, rig: Rig | None, say: Say) -> tuple[str, str]:
         return say("trajectory.verdict.bad", bad=bad, samples=samples, percent=say.number(100 * bad / samples, ".3g")), "bad"
     if fewer := sum(s.samples for s in found.stretches):
         return say(f"trajectory.verdict.{'restored' if all(map(_restored, found.stretches)) else 'fewer'}", fewer=fewer), "warn"
+    if found.worst is None:
+        return say("trajectory.verdict.unstated"), "warn"
     return say(f"trajectory.verdict.{'whole' if rig is None else 'good'}"), "good"
 
 
@@ -187,15 +189,13 @@ def _known(found: Along, language: str) -> Iterable[str]:
     """What the uncertainties hold, and what else must be known."""
     words, trajectory, say = texts(language, "trajectory"), found.trajectory, Say(language)
     yield words["covers"].format(covers=say.message(trajectory.covers))
-    yield from (signs(note.text(language)) for note in trajectory.notes)
-    yield from (line.text(language) for line in trajectory.assumed.lines)
+    yield from map(say.sentence, (*trajectory.notes, *trajectory.assumed.lines))
     if found.motion is not None:
         said = words["smoothed"].format(half=number(language, 1e3 * found.motion.half_width_s, ".4g"))
         yield f"{said} {words['smoothed.band']}" if _banded(trajectory) else said
         if np.isfinite(found.motion.highest_hz):
             yield words["highest"].format(highest=number(language, found.motion.highest_hz, ".4g"))
-        for note in found.motion.stamps.notes:
-            yield note.text(language)
+        yield from map(say.sentence, found.motion.stamps.notes)
 
 
 def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figure:

@@ -13,7 +13,7 @@
   const place = { i: nx >> 1, j: ny >> 1 };
 
   const words = data.words;
-  const printed = (v) => String(v).replace(".", data.mark);
+  const printed = (v) => String(v).replace(".", data.mark).replace("-", "−");
   const digits = (v) => (Number.isFinite(v) ? printed(v.toPrecision(3)) : words.unknown);
   const filled = (text, values) => text.replace(/\[(\w+)\]/g, (_, name) => values[name]);
   const limits = () => {

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 import xarray as xr
-from plotly.subplots import make_subplots
 
 from lmeasure.core import FloatArray
 from lmeasure.kernels import BASE_XYZ, wrap_geometry
@@ -84,15 +83,8 @@ def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH, followed: Seque
         text=[html.label(p.name) for p in rig.observation_point],
         marker={"size": 4, "color": figures.POINT}, name=say("page.observation_points"),
     )  # fmt: skip
-    others = [True] * (len(figure.data) - len(levels))
-    steps = [
-        {"label": f"{z[k]:g}", "method": "restyle", "args": [{"visible": [i == n for i in range(len(levels))] + others}]}
-        for n, k in enumerate(levels)
-    ]
     figure.update_layout(
-        sliders=[
-            {"active": first, "currentvalue": {"prefix": say("zone.level_z"), "suffix": say("zone.mm")}, "steps": steps, "pad": {"t": 84}}
-        ],
+        sliders=[_slider(coarse["z"].values[levels], len(figure.data), first, say) | {"pad": {"t": 84}}],
         scene=axes(say) | {"camera": {"eye": {"x": 1.9, "y": -1.9, "z": 1.1}, "center": figures.CAMERA["center"]}},
         height=760,
         margin={"t": 10, "b": 10, "l": 10, "r": 10},
@@ -102,87 +94,53 @@ def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH, followed: Seque
     return figure
 
 
-def slices_figure(zone: xr.Dataset, say: Say = ENGLISH) -> go.Figure:
-    """Level by level along Z: worst pressure angle and 95 % radius, with the zone's edge; a slider over the levels."""
-    x, y, z = (zone[name].values for name in "xyz")
-    levels = _shown_levels(len(z))
-    first = len(levels) // 2
-    margin = _margin(zone)
-    radius = zone["u95_position_mm"].values
-    known = radius[np.isfinite(radius) & (radius > 0.0)]
-    low, top = (float(np.percentile(known, 0)), float(np.percentile(known, 95))) if len(known) else (0.1, 1.0)
-    u95 = np.log10(radius, out=np.full(radius.shape, np.nan), where=np.isfinite(radius) & (radius > 0.0))
-    span = (np.log10(low), np.log10(max(top, 1.01 * low)))
-    maps = (
-        (zone["worst_pressure_angle_deg"].values, (0.0, 90.0), 0.44, {"title": "°"}, "%{z:.2f} °"),
-        (u95, span, 1.01, {"title": say("page.mm")} | log_colours(low, max(top, 1.01 * low), say), f"%{{customdata:.4f}} {say('page.mm')}"),
-    )
-    figure = make_subplots(
-        1, 2, subplot_titles=(say("zone.worst_pressure_angle"), say("zone.95_radius_position_mm")), horizontal_spacing=0.14
-    )
-    for n, k in enumerate(levels):
-        for column, (values, ends, place, bar, reported) in enumerate(maps, 1):
-            figure.add_trace(
-                go.Heatmap(
-                    x=x, y=y, z=np.float32(values[:, :, k].T), zmin=ends[0], zmax=ends[1], colorscale=SCALE, visible=n == first,
-                    customdata=np.float32(radius[:, :, k].T), colorbar={"x": place} | bar,
-                    hovertemplate=f"x %{{x}} y %{{y}} {say('page.mm')}<br>{reported}<extra></extra>",
-                ), 1, column,
-            )  # fmt: skip
-            figure.add_trace(
-                go.Contour(
-                    x=x, y=y, z=np.float32(margin[:, :, k].T), showscale=False, hoverinfo="skip", visible=n == first,
-                    contours={"start": 0, "end": 0, "size": 1, "coloring": "none"}, line={"color": "white", "width": 3},
-                ), 1, column,
-            )  # fmt: skip
-    each = 2 * len(maps)
-    steps = [
-        {"label": f"{z[k]:g}", "method": "restyle", "args": [{"visible": [i // each == n for i in range(each * len(levels))]}]}
-        for n, k in enumerate(levels)
-    ]
-    figure.update_layout(
-        sliders=[
-            {"active": first, "currentvalue": {"prefix": say("zone.level_z"), "suffix": say("zone.mm")}, "steps": steps, "pad": {"t": 50}}
-        ],
-        height=560,
-        margin={"t": 40, "b": 20},
-        showlegend=False,
-    )
-    figure.update_xaxes(title_text=say("page.x_mm"), constrain="domain")
-    figure.update_yaxes(title_text=say("page.y_mm"), constrain="domain")
-    figure.update_yaxes(scaleanchor="x", row=1, col=1)
-    figure.update_yaxes(scaleanchor="x2", row=1, col=2)
-    return figure
-
-
 def fullest_level(zone: xr.Dataset) -> int:
     """Return the number of the level with most of the zone, the middle one where there is none."""
     held = zone["in_zone"].values.sum(axis=(0, 1))
     return int(np.argmax(held)) if held.any() else len(held) // 2
 
 
-def u95_figure(zone: xr.Dataset, say: Say = ENGLISH) -> go.Figure:
-    """U95 of the position at the level with most of the zone, and its edge."""
-    x, y, k = zone["x"].values, zone["y"].values, fullest_level(zone)
-    radius = zone["u95_position_mm"].values[:, :, k]
-    known = radius[np.isfinite(radius) & (radius > 0.0)]
-    low, top = (float(known.min()), float(np.percentile(known, 95))) if len(known) else (0.1, 1.0)
-    top = max(top, 1.01 * low)
-    u95 = np.log10(radius, out=np.full(radius.shape, np.nan), where=np.isfinite(radius) & (radius > 0.0))
-    figure = go.Figure(
-        go.Heatmap(
-            x=x, y=y, z=np.float32(u95.T), zmin=np.log10(low), zmax=np.log10(top), colorscale=SCALE, customdata=np.float32(radius.T),
-            colorbar={"title": say("page.mm"), "thickness": 14} | log_colours(low, top, say),
-            hovertemplate=f"x %{{x}} y %{{y}} {say('page.mm')}<br>%{{customdata:.4f}} {say('page.mm')}<extra></extra>",
-        )
-    )  # fmt: skip
-    figure.add_contour(
-        x=x, y=y, z=np.float32(_margin(zone)[:, :, k].T), showscale=False, hoverinfo="skip",
-        contours={"start": 0, "end": 0, "size": 1, "coloring": "none"}, line={"color": "white", "width": 3},
-    )  # fmt: skip
+def u95_figure(zone: xr.Dataset, say: Say = ENGLISH, *, every: bool = False) -> go.Figure:
+    """U95 of the position at the level with most of the zone, and its edge; every: a slider over the levels."""
+    x, y, z = (zone[name].values for name in "xyz")
+    levels = _shown_levels(len(z)) if every else [fullest_level(zone)]
+    first, margin, radius = len(levels) // 2, _margin(zone), zone["u95_position_mm"].values
+    figure = go.Figure()
+    for n, k in enumerate(levels):
+        figure.add_trace(_heat(x, y, radius[:, :, k], radius[:, :, levels], say, most=95, visible=n == first))
+        figure.add_contour(
+            x=x, y=y, z=np.float32(margin[:, :, k].T), showscale=False, hoverinfo="skip", visible=n == first,
+            contours={"start": 0, "end": 0, "size": 1, "coloring": "none"}, line={"color": "white", "width": 3},
+        )  # fmt: skip
+    if every:
+        figure.update_layout(sliders=[_slider(z[levels], len(figure.data), first, say, each=2)])
     figure.update_xaxes(title_text=say("page.x_mm"), constrain="domain")
     figure.update_yaxes(title_text=say("page.y_mm"), constrain="domain", scaleanchor="x")
-    return figure.update_layout(height=450, margin={"t": 10, "b": 40, "l": 60}, showlegend=False)
+    return figure.update_layout(height=560 if every else 450, margin={"t": 10, "b": 40, "l": 60}, showlegend=False)
+
+
+def _heat(x: FloatArray, y: FloatArray, values: FloatArray, all_values: FloatArray, say: Say, *, most: float, **look: Any) -> go.Heatmap:
+    """Colours of positive values (nx, ny) [mm] by their logarithm, from the least of all values to a percentile of them."""
+    known = all_values[np.isfinite(all_values) & (all_values > 0.0)]
+    low, top = (float(known.min()), float(np.percentile(known, most))) if len(known) else (0.1, 1.0)
+    top = max(top, 1.01 * low)
+    logarithm = np.log10(values, out=np.full(values.shape, np.nan), where=np.isfinite(values) & (values > 0.0))
+    return go.Heatmap(
+        x=x, y=y, z=np.float32(logarithm.T), zmin=np.log10(low), zmax=np.log10(top), customdata=np.float32(values.T),
+        colorbar={"title": say("page.mm"), "thickness": 14} | log_colours(low, top, say),
+        hovertemplate=f"x %{{x}} y %{{y}} {say('page.mm')}<br>%{{customdata:.4g}} {say('page.mm')}<extra></extra>",
+        **{"colorscale": SCALE} | look,
+    )  # fmt: skip
+
+
+def _slider(levels: FloatArray, traces: int, first: int, say: Say, each: int = 1) -> dict[str, Any]:
+    """A slider over levels [mm], each of which has so many of the first traces; all other traces stay."""
+    of = [i // each if i < each * len(levels) else None for i in range(traces)]
+    steps = [
+        {"label": html.joined(f"{level:g}"), "method": "restyle", "args": [{"visible": [k in (n, None) for k in of]}]}
+        for n, level in enumerate(levels)
+    ]
+    return {"active": first, "currentvalue": {"prefix": say("zone.level_z"), "suffix": say("zone.mm")}, "steps": steps, "pad": {"t": 60}}
 
 
 def views(zone: xr.Dataset, rig: Rig) -> list[tuple[str, str, list[Any]]]:
@@ -200,22 +158,14 @@ def views(zone: xr.Dataset, rig: Rig) -> list[tuple[str, str, list[Any]]]:
 
 def faults_figure(zone: xr.Dataset, say: Say) -> go.Figure:
     """Effect on the tool at that level: of the worst channel, or of one that is chosen."""
-    x, y = zone["x"].values, zone["y"].values
     effect = zone["fault_effect_mm"].values[:, :, fullest_level(zone)]
-    known = effect[np.isfinite(effect) & (effect > 0.0)]
-    low, high = (float(known.min()), float(np.percentile(known, 98))) if len(known) else (0.01, 1.0)
-    high = max(high, 1.01 * low)
-    figure = go.Figure()
     names = [say("zone.worst_channel"), *map(str, zone["channel"].values)]
-    for n, values in enumerate([effect.max(axis=2), *np.moveaxis(effect, 2, 0)]):
-        shown = np.where(np.isfinite(values) & (values > 0.0), values, np.nan)
-        figure.add_trace(
-            go.Heatmap(
-                x=x, y=y, z=np.float32(np.log10(shown).T), customdata=np.float32(values.T), visible=n == 0, colorscale="Viridis_r",
-                zmin=np.log10(low), zmax=np.log10(high), colorbar={"title": say("page.mm")} | log_colours(low, high, say),
-                hovertemplate=f"x %{{x}} y %{{y}} {say('page.mm')}<br>%{{customdata:.3g}} {say('page.mm')}<extra></extra>",
-            )
-        )  # fmt: skip
+    figure = go.Figure(
+        [
+            _heat(zone["x"].values, zone["y"].values, values, effect, say, most=98, visible=n == 0, colorscale="Viridis_r")
+            for n, values in enumerate([effect.max(axis=2), *np.moveaxis(effect, 2, 0)])
+        ]
+    )
     buttons = [
         {"label": html.label(name), "method": "restyle", "args": [{"visible": [i == n for i in range(len(names))]}]}
         for n, name in enumerate(names)

@@ -55,8 +55,7 @@ def findings(zone: xr.Dataset, found: Extent, say: Say) -> list[str]:
 
 def assumed(zone: xr.Dataset, say: Say) -> list[str]:
     """Return how much of U95 is assumed because nobody stated it, and the statements that would help most, a sentence each."""
-    reported = map(say.message, messages_of(zone, "assumed"))
-    return [f"{line[:1].upper()}{line[1:]}." for line in reported]
+    return [f"{say.sentence(line)}." for line in messages_of(zone, "assumed")]
 
 
 def tables(zone: xr.Dataset, found: Extent, rig: Rig, say: Say) -> list[tuple[str, tuple[str, ...], Rows]]:

@@ -23,6 +23,7 @@ from .messages import (
     message as message,
     reason as reason,
     restored as restored,
+    sentence as sentence,
     table as table,
 )
 from .page_text import ENGLISH as ENGLISH, Say as Say, powers as powers, typeset as typeset

@@ -3,6 +3,7 @@
 Files, `--json` and certificates keep the English text; beside it `stated` and `table` keep ids and values, so that no text is read back.
 """
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import PurePath
 from typing import Any
@@ -79,6 +80,17 @@ def _filled(language: str, code: str, values: Mapping[str, Any], template: str) 
 def message(code: str, /, **values: Any) -> Message:
     """Return the message of an id and values."""
     return Message(code, values)
+
+
+def sentence(text: str, language: str) -> str:
+    """Return a text in a language as a sentence by itself: with a capital letter, unless it begins with a value or a name."""
+    said, first = text.text(language) if isinstance(text, Message) else text, text
+    while isinstance(first, Message):
+        own = texts(language).get(first.code, first.template)
+        if (value := re.match(r"{(\w+)", own)) is None:
+            return said[:1].upper() + said[1:] if re.match(r"[^\W\d_]+(?![\w.=/]| =)", own) else said
+        first = first.values[value[1]]
+    return said
 
 
 def composed(template: str, /, **values: Any) -> Message:

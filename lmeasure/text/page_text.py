@@ -4,7 +4,7 @@ import re
 from typing import Any
 
 from lmeasure.text.catalogue import Writer, number, numbers, plain, signs, texts
-from lmeasure.text.messages import Message
+from lmeasure.text.messages import Message, sentence
 
 
 def powers(printed: str) -> str:
@@ -45,6 +45,10 @@ class Say:
     def message(self, text: str) -> str:
         """Return what a computation reported: a message in the language, any other text as it is."""
         return typeset(text.text(self.language) if isinstance(text, Message) else plain(text))
+
+    def sentence(self, text: str) -> str:
+        """Return what a computation reported as a sentence by itself."""
+        return typeset(sentence(text, self.language) if isinstance(text, Message) else plain(text))
 
 
 ENGLISH = Say()

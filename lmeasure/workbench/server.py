@@ -1,6 +1,8 @@
 """The server: a project, its ways in and a port of 127.0.0.1 of their own; a desk has several of them open."""
 
+import asyncio
 import contextlib
+import logging
 import os
 import re
 import socket
@@ -129,6 +131,12 @@ class _Server(uvicorn.Server):
         timer.start()
 
 
+def _told(record: logging.LogRecord) -> bool:
+    """Return whether a fault is none that a server has by itself when it ends before all that it computes."""
+    given_up = record.exc_info is not None and isinstance(record.exc_info[1], asyncio.CancelledError)
+    return not given_up and not record.getMessage().startswith("Cancel ")
+
+
 class Served:
     """A project on a port: bound, and answered once it runs.
 
@@ -155,6 +163,7 @@ class Served:
         quiet = {"log_level": "warning", "access_log": False, "server_header": False, **tls}
         self._server = _Server(uvicorn.Config(app, timeout_graceful_shutdown=GRACE_S, **quiet))  # type: ignore[arg-type]
         self._server.last = self._forget
+        logging.getLogger("uvicorn.error").addFilter(_told)
         self._thread: threading.Thread | None = None
 
     def address(self) -> str:

@@ -2,7 +2,7 @@
 
 import json
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
@@ -56,13 +56,15 @@ def run(settings: Settings, progress: Progress = silent) -> Result[None]:
     if settings.out is not None:
         _write_page(settings.out, path, content, settings, progress)
     written = () if settings.out is None else (message("line.written", files=settings.out),)
-    following = then(content.next, file=path, folder=path if path.is_dir() else path.parent) if content.next else ""
-    return Result(None, (content.what, *written), content.figures, next=following, page=settings.out)
+    return Result(None, (content.what, *written), content.figures, next=_next(content, path), page=settings.out)
 
 
 def _write_page(out: Path, path: Path, content: Content, settings: Settings, progress: Progress) -> None:
     """Write the page of a trajectory by its own report, of anything else its picture and remarks."""
-    from lmeasure.report import figure_of, write_inspection_page
+    import xarray as xr
+
+    from lmeasure.certificate import Certificate
+    from lmeasure.report import every_figure, figure_of, write_inspection_page, zone_lines
     from lmeasure.trajectory import Trajectory
     from lmeasure.workflows.report import Settings as Report, write_report
 
@@ -70,10 +72,21 @@ def _write_page(out: Path, path: Path, content: Content, settings: Settings, pro
         with suppress(LMeasureError):  # a run without a start has no trajectory, and its counts are drawn
             write_report(Report(measured=path, out=out.parent, language=settings.language), out, progress)
             return
-    figure = None if content.noun is None else figure_of(content.noun)
+    language = settings.language or of_terminal()
+    lines: Sequence[str] = content.lines
+    if isinstance(content.noun, Certificate):
+        lines = every_figure({**content.noun.content, "language": language})[1:]
+    elif isinstance(content.noun, xr.Dataset):
+        lines = zone_lines(content.noun, language)
     write_inspection_page(
-        out, path.resolve().name, content.what, lines=content.lines, figure=figure, language=settings.language or of_terminal()
-    )
+        out, path.resolve().name, content.what, lines=lines, figure=None if content.noun is None else figure_of(content.noun),
+        command=_next(content, path), language=language,
+    )  # fmt: skip
+
+
+def _next(content: Content, path: Path) -> str:
+    """Return the command to type next; empty where there is none."""
+    return then(content.next, file=path, folder=path if path.is_dir() else path.parent) if content.next else ""
 
 
 Reader = Callable[[Path, Progress], Content]
@@ -120,12 +133,9 @@ def _certificate(path: Path, progress: Progress) -> Content:
         else:
             with opened_zip(path, Path(scratch)) as folder:
                 found = Certificate.read(folder)
-    rows = found.content["characteristics"]
-    lines = [
-        "  ".join(str(row[key]) for key in ("name", "pose", "path", "value", "u95", "unit") if row.get(key) is not None) for row in rows
-    ]
-    what = message("inspect.certificate", file=path, id=found.content["id"], characteristics=len(rows))
-    return Content(what, found, tuple(lines), {"characteristics": float(len(rows))}, "verify {file}")
+    count = len(found.content["characteristics"])
+    what = message("inspect.certificate", file=path, id=found.content["id"], characteristics=count)
+    return Content(what, found, (), {"characteristics": float(count)}, "verify {file}")
 
 
 def _calibration(path: Path, progress: Progress) -> Content:
@@ -140,7 +150,7 @@ def _calibration(path: Path, progress: Progress) -> Content:
 
 def _identification(path: Path, progress: Progress) -> Content:
     content = _document(path / "identified.json")
-    rows = [f"{p['name']}  {p['value']} {p.get('unit', '')}".rstrip() for p in content.get("parameters", ())]
+    rows = [f"{p['name']}  {p['value']:.6g} {p.get('unit', '')}".rstrip() for p in content.get("parameters", ())]
     what = message("inspect.identification", file=path, parameters=len(rows))
     return Content(what, None, tuple(rows), {}, "correct program.csv --identified {folder} --out corrected")
 
@@ -179,12 +189,12 @@ def _toml(path: Path, progress: Progress) -> Content:
 
 
 def _zone(path: Path, progress: Progress) -> Content:
-    from lmeasure.accuracy import read_zone, summary
+    from lmeasure.accuracy import read_zone
 
     zone = read_zone(path)
     volume = float(zone.attrs["zone_volume_mm3"])
     what = message("inspect.zone", file=path, volume=1e-9 * volume)
-    return Content(what, zone, tuple(summary(zone).splitlines()), {"zone_volume_mm3": volume}, "program --zone {file} --out program")
+    return Content(what, zone, (), {"zone_volume_mm3": volume}, "program --zone {file} --out program")
 
 
 def _recording(path: Path, progress: Progress) -> Content:

@@ -2,12 +2,13 @@
 
 import json
 import threading
+import urllib.request
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
-from bench import client, served
+from bench import client, served, token
 from browser import opened
 from clicks import entered, press, visit
 
@@ -162,6 +163,31 @@ def test_while_kernels_are_compiled_the_coarse_zone_says_so(tmp_path: Path, monk
         done.set()
         page.wait(f"{shown}.includes('m³')")
     assert compilation.now() is None
+
+
+def test_a_server_that_ends_while_a_zone_is_computed_prints_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_rig(tmp_path / "rig.toml", cell_rig(0))
+    begun, done = threading.Event(), threading.Event()
+
+    def slow(*_: object) -> dict[str, float]:
+        begun.set()
+        assert done.wait(60.0)
+        return {}
+
+    monkeypatch.setattr(rig_form, "coarse", slow)
+    monkeypatch.setattr("lmeasure.workbench.server.GRACE_S", 0)
+    with served(tmp_path) as address:
+        origin = address.partition("/?")[0]
+        headers = {"Authorization": f"Bearer {token(tmp_path)}", "Origin": origin}
+        asked = urllib.request.Request(f"{origin}/coarse", b'{"file": "rig.toml", "points": {}}', headers)
+        waiting = threading.Thread(target=lambda: pytest.raises(OSError, urllib.request.urlopen, asked))
+        waiting.start()
+        assert begun.wait(60.0)
+        threading.Timer(0.5, done.set).start()
+    waiting.join()
+    assert capsys.readouterr().err == ""
 
 
 def test_drums_and_the_task_of_a_placement_have_forms_too(tmp_path: Path) -> None:
