@@ -18,7 +18,7 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.templating import Jinja2Templates
 
 from lmeasure.text import typed
-from lmeasure.workbench import forms, guard, tour
+from lmeasure.workbench import forms, guard
 from lmeasure.workbench.cards import TITLES
 from lmeasure.workbench.jobs import DONE, FAILED, Job, Jobs
 from lmeasure.workbench.processes import prepared
@@ -141,8 +141,7 @@ def page(request: Request, name: str, status: int = 200, **values: Any) -> Respo
     language = language_of(request)
     bench = bench_of(request)
     prepared.want_soon()
-    stop = tour.shown(bench.project, asked) if (asked := request.query_params.get("tour", "")) else None
-    known = {"language": language, "bench": bench, "tour": stop, "titles": TITLES, "here": request.scope["path"]}
+    known = {"language": language, "bench": bench, "titles": TITLES, "here": request.scope["path"]}
     known["origin"] = f"{request.url.scheme}://{request.headers['host']}{request.scope['at']}"
     known |= {"running": bench.jobs.running(), "playing": playing(bench.jobs)}
     known |= {"_": lambda text, **more: said(language, text, **more), **values}

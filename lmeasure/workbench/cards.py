@@ -156,7 +156,11 @@ NEEDS = {
 ONWARD = {
     "init": (("/rig", "workbench.put_dimensions"),),
     "drum": (("/rig?file={out}", "workbench.look_rig"), ("/check", "workbench.connect_check")),
-    "demo": (("/?tour=1", "workbench.take_tour"), ("/zone", "workbench.zone_place"), ("/robot", "workbench.robot_certificate")),
+    "demo": (
+        ("/look/{out}/calibration", "workbench.calibrate"),
+        ("/zone", "workbench.zone_place"),
+        ("/robot", "workbench.robot_certificate"),
+    ),
     "simulate": (
         ("/run/calibrate?folder={out}/calibration", "workbench.find_observation_points"),
         ("/run/reconstruct?run={out}", "workbench.reconstruct_trajectory"),

@@ -1,6 +1,7 @@
 """A workbench under test: its application asked as a browser with the token asks, and a real server as a process."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,6 +12,8 @@ from pathlib import Path
 
 from starlette.testclient import TestClient
 
+from lmeasure.rig import write_rig
+from lmeasure.simulation import cell_rig
 from lmeasure.workbench.guard import Door
 from lmeasure.workbench.project_list import Shelf
 from lmeasure.workbench.server import Desk, Served, application
@@ -18,6 +21,7 @@ from lmeasure.workbench.server import Desk, Served, application
 TOKEN, PORT = "a-token-of-the-test", 8123
 HOST = f"127.0.0.1:{PORT}"
 ORIGIN = f"http://{HOST}"
+SEALED = Path(__file__).parents[1] / "authorities" / "sealed" / "with-run"
 
 
 @contextmanager
@@ -110,3 +114,15 @@ def until(true: "object", seconds: float = 180.0) -> None:
     while not true():  # type: ignore[operator]
         assert time.monotonic() < end, "never true"
         time.sleep(0.05)
+
+
+def some_files_of_the_demo(folder: Path) -> None:
+    """The simulated cell, with a run, a calibration and a certificate."""
+    shutil.copytree(SEALED, folder / "cell" / "certificate")
+    shutil.copytree(SEALED / "inputs" / "run", folder / "cell" / "run")
+    shutil.copy(SEALED / "inputs" / "trajectory.parquet", folder / "cell" / "trajectory.parquet")
+    (folder / "cell" / "campaign").mkdir()
+    (folder / "cell" / "calibration").mkdir()
+    (folder / "cell" / "calibration" / "report.html").write_text("<!doctype html><title>calibration</title>")
+    (folder / "cell" / "certificate" / "report.html").write_text("<!doctype html><title>certificate</title>")
+    write_rig(folder / "cell" / "campaign" / "rig.toml", cell_rig(0))

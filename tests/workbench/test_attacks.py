@@ -104,7 +104,7 @@ def test_nothing_that_is_asked_is_a_fault(asked: TestClient, project: Path) -> N
         "jobs/", "raw/", "look/", "run/", "start/", "trajectory/", "along/", "export/", "viewer/", "projects/", "api/jobs/", "shown/x/",
         "",
     )  # fmt: skip
-    questions = ("rig?file=", "scene?file=", "details?file=", "calibrations?old=x&new=", "?tour=", "run/zone?_form=1&rig=", "?code=")
+    questions = ("rig?file=", "scene?file=", "details?file=", "calibrations?old=x&new=", "run/zone?_form=1&rig=", "?code=")
     for name in names:
         for page in pages:
             assert 400 <= asked.get(f"/{page}{name}").status_code < 500, (page, name[:20])

@@ -5,18 +5,17 @@ from typing import Any
 
 import pytest
 from access import faults
-from bench import served
+from bench import served, some_files_of_the_demo
 from browser import LOOK, Page, opened
 from clicks import entered, fill, press, visit
 from test_check import two_cables
-from test_tour import some_files_of_the_demo
 
 from lmeasure.rig import read_rig, write_rig
 from lmeasure.workflows import load
 
 PAGES = (
     "/", "/rig", "/check", "/live", "/calibrate", "/zone", "/runs", "/robot", "/files", "/commands", "/api", "/run/structure", "/details",
-    "/trend", "/calibrations", "/register", "/?tour=1", "/nowhere",
+    "/trend", "/calibrations", "/register", "/nowhere",
 )  # fmt: skip
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from bench import client
-from test_tour import some_files_of_the_demo
+from bench import client, some_files_of_the_demo
 
 from lmeasure.accuracy import map_zone, tilts, write_zone
 from lmeasure.register import Entry, Register, Result
 from lmeasure.rig import write_rig
 from lmeasure.simulation import cell_rig
+from lmeasure.workbench import forms
 from lmeasure.workbench.project import Step, following
 
 TILE = r'<(?:a|section) class="tile (\w*)"[^>]*><h2>([^<]*)</h2><b>([^<]*)</b>'
@@ -96,3 +96,12 @@ def test_a_file_from_a_failed_check_is_no_preset(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").unlink()
     kept(3, ["check", "rig.toml", "--bus", "x:y", "--write", "arig.toml"], "failed")
     assert preset()[0] == ""
+
+
+def test_home_tries_a_robot_that_is_certified_once(tmp_path: Path) -> None:
+    """What the pages look at; correcting it and certifying it again would take as long once more."""
+    with client(tmp_path) as asked:
+        form = re.search(r'<form method="post" action="/run/demo">(.*?)</form>', asked.get("/").text)
+    assert form is not None
+    typed = {name: [value] for name, value in re.findall(r'name="(\w+)" value="(\w+)"', form[1])}
+    assert forms.asked("demo", forms.filled_in("demo", typed), tmp_path) == ["demo", "--out", "cell", "--robot", "--no-correct"]
