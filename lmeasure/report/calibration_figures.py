@@ -5,7 +5,6 @@ from collections import Counter
 import plotly.graph_objects as go
 
 from lmeasure.calibration import Calibration
-from lmeasure.kernels import wrap_geometry
 from lmeasure.report import figures, html
 from lmeasure.report.text import axes
 from lmeasure.report.zone_maps import ticks
@@ -38,21 +37,11 @@ def residuals_figure(record: CalibrationRecord, rig: Rig | None, say: Say = ENGL
 def rig_figure(calibration: Calibration, say: Say = ENGLISH) -> go.Figure:
     """Observation points, reference poses, and the cables at the first pose with their tangent points."""
     campaign, rig = calibration.campaign, calibration.rig
-    rows = rig.cable_rows(campaign.drums)
-    _, tangent, attachment, _ = wrap_geometry(rows, campaign.poses.rows[:1])
     figure = go.Figure()
-    for j, c in enumerate(campaign.drums):
-        line = [rows[j, :3], tangent[0, j], attachment[0, j]]
-        figure.add_scatter3d(
-            x=[p[0] for p in line], y=[p[1] for p in line], z=[p[2] for p in line], mode="lines", line={"width": 4}, name=html.label(c.name)
-        )
-    points = [p for p in rig.observation_point if any(c.from_point == p.name for c in campaign.drums)]
-    x, y, z = zip(*(p.position_mm for p in points), strict=True)
-    names = [html.label(p.name) for p in points]
-    figure.add_scatter3d(
-        x=x, y=y, z=z, mode="markers+text", text=names, marker={"size": 4, "color": figures.POINT},
-        name=say("page.observation_points"),
-    )  # fmt: skip
+    for c, way in zip(campaign.drums, figures.cable_ways(rig.cable_rows(campaign.drums), campaign.poses.rows[0]), strict=True):
+        x, y, z = way.T
+        figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4}, name=html.label(c.name))
+    figures.add_points(figure, (p for p in rig.observation_point if any(c.from_point == p.name for c in campaign.drums)), say)
     x, y, z = campaign.poses.rows[:, :3].T
     names = [html.label(n) for n in campaign.poses.names]
     figure.add_scatter3d(

@@ -1,6 +1,7 @@
 """Plotly figures as pages draw them: colours, room for labels and legends from a telephone to a wall, and light or dark paper."""
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -8,8 +9,11 @@ import plotly.graph_objects as go
 from markupsafe import Markup
 
 from lmeasure.core import FloatArray
+from lmeasure.kernels import BASE_XYZ, wrap_geometry
+from lmeasure.report import html
 from lmeasure.report.labels import place_labels
-from lmeasure.text import texts
+from lmeasure.rig import ObservationPoint
+from lmeasure.text import Say, texts
 
 UNUSED = ("sendChartToCloud", "lasso2d", "select2d", "resetCameraLastSave3d")
 """Buttons of a figure: nothing is sent anywhere, and nothing is to be selected."""
@@ -118,6 +122,26 @@ def figure(drawing: go.Figure, name: str, language: str = "en", *, hero: bool = 
     under = UNDER if drawing.layout.margin.b is None else drawing.layout.margin.b
     beside = ROOM + max(under, _legend_high(drawing) + COLOURS * any(_has_bar(trace) for trace in drawing.data))
     return Markup(f'<div class="scene" style="height:min({given / 16:g}rem, calc({high:.0f}vw + {beside}px))">{ready}</div>')
+
+
+def cable_ways(rows: FloatArray, pose: FloatArray) -> FloatArray:
+    """(m, 3, 3) places of cables (m, columns) with the tool at a pose (7,): observation, tangent and attachment point."""
+    _, tangent, attachment, _ = wrap_geometry(rows, pose[None, :])
+    return np.stack([rows[:, BASE_XYZ], tangent[0], attachment[0]], axis=1)
+
+
+def add_cables(drawing: go.Figure, ways: FloatArray, name: str, **look: Any) -> None:
+    """Add cables as one trace: their ways (m, k, 3)."""
+    x, y, z = np.concatenate([ways, np.full((len(ways), 1, 3), np.nan)], axis=1).reshape(-1, 3).T
+    drawing.add_scatter3d(x=x, y=y, z=z, mode="lines", name=name, hoverinfo="skip", **look)
+
+
+def add_points(drawing: go.Figure, points: Iterable[ObservationPoint], say: Say, **look: Any) -> None:
+    """Add observation points with their names."""
+    points = list(points)
+    x, y, z = np.array([p.position_mm for p in points]).T
+    usual = {"marker": {"size": 4, "color": POINT}, "name": say("page.observation_points")}
+    drawing.add_scatter3d(x=x, y=y, z=z, mode="markers+text", text=[html.label(p.name) for p in points], **usual | look)
 
 
 def settled(drawing: go.Figure) -> go.Figure:

@@ -27,7 +27,7 @@ from lmeasure.recording import Counts, Poses, Program, Run
 from lmeasure.report import correction, figures, html, structure
 from lmeasure.report.calibration_figures import residuals_figure
 from lmeasure.report.robot import errors_figure
-from lmeasure.report.text import axes
+from lmeasure.report.text import axes, unit as unit_of
 from lmeasure.report.zone_figures import space_figure, u95_figure
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.robot_programs import Corrected
@@ -35,7 +35,7 @@ from lmeasure.robots import Identified
 from lmeasure.sensors import Lengths
 from lmeasure.simulation import Simulated
 from lmeasure.structure import Boundary, Described
-from lmeasure.text import Say, message
+from lmeasure.text import ENGLISH, Say, message
 from lmeasure.trajectory import Trajectory
 
 JSON = "application/vnd.plotly.v1+json"
@@ -85,35 +85,27 @@ STEP_MM = 5.0
 MOST_POINTS = 20_000
 MOST_PANELS = 24
 FRAMES = 90
-AXES = {"xaxis_title": "X, mm", "yaxis_title": "Y, mm", "zaxis_title": "Z, mm", "aspectmode": "data"}
 
 
-def figure_of(what: Any, rig: Rig | None = None) -> go.Figure:
+def figure_of(what: Any, rig: Rig | None = None, say: Say = ENGLISH) -> go.Figure:
     """The figure of a noun; rig is drawn with what lies in space. LMeasureError for what is none."""
     for kind, draw in DRAWN.items():
         if isinstance(what, kind):
-            return ShownFigure(figures.settled(draw(what, rig)))
+            return ShownFigure(figures.settled(draw(what, rig, say)))
     known = ", ".join(kind.__name__ for kind in DRAWN)
     raise LMeasureError(message("error.is_nothing_that_can", name=type(what).__name__, known=known))
 
 
-def _space() -> go.Figure:
+def _space(say: Say, rig: Rig | None = None, pose: FloatArray | None = None) -> go.Figure:
+    """An empty space, or one with a rig whose cables run to the tool at a pose (7,), where they can."""
     figure = go.Figure()
-    figure.update_layout(height=640, margin={"t": 10, "b": 10}, scene=AXES, legend={"x": 0, "y": 1})
+    figure.update_layout(height=640, margin={"t": 10, "b": 10}, scene=axes(say))
+    if rig is not None and pose is not None:
+        for cable, way in zip(rig.cable, figures.cable_ways(rig.cable_rows(), pose), strict=True):
+            x, y, z = way.T
+            figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4}, name=html.label(cable.name))
+        figures.add_points(figure, rig.observation_point, say)
     return figure
-
-
-def _add_rig(figure: go.Figure, rig: Rig, pose: FloatArray) -> None:
-    """Observation points, and the cables to the tool at a pose (7,), where they can run."""
-    rows = rig.cable_rows()
-    _, tangent, attachment, _ = wrap_geometry(rows, pose[None, :])
-    for j, cable in enumerate(rig.cable):
-        x, y, z = np.array([rows[j, BASE_XYZ], tangent[0, j], attachment[0, j]]).T
-        figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4}, name=f"cable {html.label(cable.name)}")
-    x, y, z = np.array([p.position_mm for p in rig.observation_point]).T
-    names = [html.label(p.name) for p in rig.observation_point]
-    marker = {"size": 5, "color": figures.POINT}
-    figure.add_scatter3d(x=x, y=y, z=z, mode="markers+text", text=names, marker=marker, name="observation points")
 
 
 def _add_places(figure: go.Figure, places: FloatArray, names: Sequence[str], title: str) -> None:
@@ -121,33 +113,22 @@ def _add_places(figure: go.Figure, places: FloatArray, names: Sequence[str], tit
     figure.add_scatter3d(x=x, y=y, z=z, mode="markers", text=[html.label(n) for n in names], marker={"size": 4}, name=title)
 
 
-def _rig(rig: Rig, _: Rig | None) -> go.Figure:
-    """The rig with the tool in the origin of the base frame."""
-    figure = _space()
-    _add_rig(figure, rig, HOME)
+def _poses(poses: Poses, rig: Rig | None, say: Say) -> go.Figure:
+    figure = _space(say, rig, poses.rows[0])
+    _add_places(figure, poses.rows[:, :3], poses.names, say("calibration.reference_poses"))
     return figure
 
 
-def _poses(poses: Poses, rig: Rig | None) -> go.Figure:
-    figure = _space()
-    if rig is not None:
-        _add_rig(figure, rig, poses.rows[0])
-    _add_places(figure, poses.rows[:, :3], poses.names, "poses")
-    return figure
-
-
-def _trajectory(trajectory: Trajectory, rig: Rig | None) -> go.Figure:
+def _trajectory(trajectory: Trajectory, rig: Rig | None, say: Say) -> go.Figure:
     """Its way, coloured by the largest standard uncertainty of a coordinate; gaps are gaps."""
     step = max(1, -(-len(trajectory.poses) // MOST_POINTS))
     x, y, z = trajectory.poses[::step, :3].T
     u = 1e3 * trajectory.u[::step, :3].max(axis=1)
-    figure = _space()
     known = np.flatnonzero(~np.isnan(trajectory.poses).any(axis=1))
-    if rig is not None and len(known):
-        _add_rig(figure, rig, trajectory.poses[known[0]])
+    figure = _space(say, rig, trajectory.poses[known[0]] if len(known) else None)
     line = {"width": 5, "color": u, "colorscale": "Viridis", "colorbar": {"title": "u, µm"}}
     time_s = [f"{t:.6g} s" for t in trajectory.time_s[::step]]
-    figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line=line, text=time_s, name="tool origin")
+    figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line=line, text=time_s, name=say("trajectory.origin"))
     return figure
 
 
@@ -161,10 +142,7 @@ def playing_figure(rig: Rig, trajectory: Trajectory, say: Say) -> go.Figure:
     base = np.broadcast_to(rows[:, BASE_XYZ], attachment.shape)
     cables = np.concatenate([np.stack([base, tangent, attachment], axis=2), gap], axis=2).reshape(len(shown), -1, 3)
     figure = go.Figure()
-    x, y, z = np.array([p.position_mm for p in rig.observation_point]).T
-    names = [html.label(p.name) for p in rig.observation_point]
-    marker = {"size": 5, "color": figures.POINT}
-    figure.add_scatter3d(x=x, y=y, z=z, mode="markers+text", text=names, marker=marker, name=say("page.observation_points"))
+    figures.add_points(figure, rig.observation_point, say)
     x, y, z = trajectory.poses[known[:: max(1, len(known) // MOST_POINTS)], :3].T
     figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 3, "color": "#56b4e9"}, name=say("demo_page.path"))
 
@@ -198,32 +176,31 @@ def errors_beside_figure(time_s: FloatArray, errors_mm: FloatArray, u95_mm: Floa
 
 def fault_figure(counts: Counts, at_s: float, without_s: tuple[float, float] | None, say: Say) -> go.Figure:
     """Draw counts over time, the moment of a fault, and the span that has no pose because of it."""
-    figure = _over_time([(counts.time_s, counts.channels, counts.recorded)], say("demo_page.counts"))
+    figure = _over_time([(counts.time_s, counts.channels, counts.recorded)], say("demo_page.counts"), say)
     figure.add_vline(x=at_s, line={"color": "#c1272d", "dash": "dash"})
     if without_s is not None:
         figure.add_vrect(x0=without_s[0], x1=without_s[1], fillcolor="#c1272d", opacity=0.15)
-    return figure.update_xaxes(title_text=say("demo_page.time_s"))
-
-
-def _simulated(made: Simulated, rig: Rig | None) -> go.Figure:
-    """The true poses: the way of a run, and reference poses."""
-    figure = _space()
-    if made.run is not None:
-        _add_rig(figure, made.run.run.rig if rig is None else rig, made.run.poses[0])
-        x, y, z = made.run.poses[:: max(1, -(-len(made.run.poses) // MOST_POINTS)), :3].T
-        figure.add_scatter3d(x=x, y=y, z=z, mode="lines", name="tool origin, true")
-    if made.campaign is not None:
-        _add_places(figure, made.campaign.poses[:, :3], made.campaign.measured.names, "reference poses, true")
     return figure
 
 
-def _identified(found: Identified[Any], rig: Rig | None) -> go.Figure:
+def _simulated(made: Simulated, rig: Rig | None, say: Say) -> go.Figure:
+    """The true poses: the way of a run, and reference poses."""
+    figure = _space(say, *(() if made.run is None else (made.run.run.rig if rig is None else rig, made.run.poses[0])))
+    if made.run is not None:
+        x, y, z = made.run.poses[:: max(1, -(-len(made.run.poses) // MOST_POINTS)), :3].T
+        figure.add_scatter3d(x=x, y=y, z=z, mode="lines", name=say("trajectory.origin"))
+    if made.campaign is not None:
+        _add_places(figure, made.campaign.poses[:, :3], made.campaign.measured.names, say("calibration.reference_poses"))
+    return figure
+
+
+def _identified(found: Identified[Any], rig: Rig | None, say: Say) -> go.Figure:
     """Errors of the rows that were used, before and after."""
     used = found.kept & found.rows.placed
-    return errors_figure(found.rows.position[used], found.nominal_errors_mm()[used], found.errors_mm()[used])[0]
+    return errors_figure(found.rows.position[used], found.nominal_errors_mm()[used], found.errors_mm()[used], say)[0]
 
 
-def _over_time(passes: Sequence[tuple[FloatArray, Sequence[str], FloatArray]], unit: str) -> go.Figure:
+def _over_time(passes: Sequence[tuple[FloatArray, Sequence[str], FloatArray]], unit: str, say: Say) -> go.Figure:
     """(time, names, values (n, m)) of each pass, one under the other."""
     figure = make_subplots(len(passes), 1, shared_xaxes=True)
     for row, (time_s, names, values) in enumerate(passes, 1):
@@ -231,11 +208,11 @@ def _over_time(passes: Sequence[tuple[FloatArray, Sequence[str], FloatArray]], u
         for name, column in zip(names, values.T, strict=True):
             figure.add_scatter(x=time_s[::step], y=column[::step], mode="lines", name=html.label(name), row=row, col=1)
         figure.update_yaxes(title_text=unit, row=row, col=1)
-    figure.update_xaxes(title_text="time, s", row=len(passes), col=1)
+    figure.update_xaxes(title_text=say("demo_page.time_s"), row=len(passes), col=1)
     return figure.update_layout(height=max(420, 280 * len(passes)), margin={"t": 20})
 
 
-def scans_figure(scans: Sequence[Scan]) -> go.Figure:
+def scans_figure(scans: Sequence[Scan], say: Say = ENGLISH) -> go.Figure:
     """Draw counts over time of everything in logs that moves as a counter does, a panel for each; logs are drawn one upon the other."""
     found = [(scan, carried, one) for scan in scans for carried in scan.carried for one in carried.counters]
     panels = list(dict.fromkeys((carried.name, one.first, one.size) for _, carried, one in found))[:MOST_PANELS]
@@ -247,26 +224,24 @@ def scans_figure(scans: Sequence[Scan]) -> go.Figure:
             step = max(1, -(-len(one.values) // MOST_POINTS))
             line = {"x": carried.time_s[::step] - scan.begins_s, "y": one.values[::step], "mode": "lines", "showlegend": False}
             figure.add_scatter(**line, name=html.label(scan.path.name), row=panels.index(at) + 1, col=1)
-    figure.update_xaxes(title_text="time, s", row=max(len(panels), 1), col=1)
+    figure.update_xaxes(title_text=say("demo_page.time_s"), row=max(len(panels), 1), col=1)
     return figure.update_layout(height=max(300, 170 * len(panels)), margin={"t": 30})
 
 
-def _program(program: Program, rig: Rig | None) -> go.Figure:
-    figure = _space()
+def _program(program: Program, rig: Rig | None, say: Say) -> go.Figure:
     places = np.array([p.position_mm for p in program.pose]).reshape(-1, 3)
-    if rig is not None:
-        _add_rig(figure, rig, HOME if not len(places) else np.array([*places[0], *program.pose[0].quaternion_xyzw]))
-    _add_places(figure, places, [p.name for p in program.pose], "commanded poses")
+    figure = _space(say, rig, HOME if not len(places) else np.array([*places[0], *program.pose[0].quaternion_xyzw]))
+    _add_places(figure, places, [p.name for p in program.pose], say("certificate.summary.commanded"))
     for path in program.path:
         x, y, z = path.points(STEP_MM).T
         figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 4}, name=html.label(path.name))
     return figure
 
 
-def _characteristics(rows: Sequence[dict[str, Any]]) -> go.Figure:
+def _characteristics(rows: Sequence[dict[str, Any]], say: Say) -> go.Figure:
     """Values with their U95, a panel for each unit; hollow where the instrument is not capable of the figure."""
     units = list(dict.fromkeys(str(r["unit"]) for r in rows)) or [""]
-    figure = make_subplots(math.ceil(len(units) / 2), min(2, len(units)), subplot_titles=units)
+    figure = make_subplots(math.ceil(len(units) / 2), min(2, len(units)), subplot_titles=[unit_of(say.language, unit) for unit in units])
     for i, unit in enumerate(units):
         own = [r for r in rows if r["unit"] == unit]
         labels = [html.label(" ".join(str(r[k]) for k in ("name", "pose", "path", "part") if r.get(k))) for r in own]
@@ -283,28 +258,28 @@ def _characteristics(rows: Sequence[dict[str, Any]]) -> go.Figure:
     return figure.update_layout(height=420 * math.ceil(len(units) / 2), margin={"t": 40})
 
 
-DRAWN: dict[type, Callable[[Any, Rig | None], go.Figure]] = {
-    Rig: _rig,
+DRAWN: dict[type, Callable[[Any, Rig | None, Say], go.Figure]] = {
+    Rig: lambda own, _, say: _space(say, own, HOME),
     Poses: _poses,
-    Counts: lambda counts, rig: _over_time([(counts.time_s, counts.channels, counts.recorded)], "counts"),
-    Lengths: lambda lengths, rig: _over_time(
-        [(lengths.time_s, lengths.cables, lengths.change_mm)], f"change of length, mm{'; of angles, rad' if lengths.encoders else ''}"
+    Counts: lambda counts, _, say: _over_time([(counts.time_s, counts.channels, counts.recorded)], say("demo_page.counts"), say),
+    Lengths: lambda lengths, _, say: _over_time(
+        [(lengths.time_s, lengths.cables, lengths.change_mm)], f"change of length, mm{'; of angles, rad' if lengths.encoders else ''}", say
     ),
     Simulated: _simulated,
-    Scan: lambda scan, rig: scans_figure((scan,)),
-    Run: lambda run, rig: _over_time([(c.time_s, c.channels, c.recorded) for c in run.passes], "counts"),
-    Calibration: lambda calibration, rig: residuals_figure(calibration.record, calibration.rig),
-    CalibrationRecord: lambda record, rig: residuals_figure(record, rig),
+    Scan: lambda scan, _, say: scans_figure((scan,), say),
+    Run: lambda run, _, say: _over_time([(c.time_s, c.channels, c.recorded) for c in run.passes], say("demo_page.counts"), say),
+    Calibration: lambda calibration, _, say: residuals_figure(calibration.record, calibration.rig, say),
+    CalibrationRecord: lambda record, rig, say: residuals_figure(record, rig, say),
     Trajectory: _trajectory,
-    xr.Dataset: lambda zone, rig: u95_figure(zone, every=True) if rig is None else space_figure(zone, rig),
-    Plan: lambda plan, rig: _poses(plan.poses, rig),
-    Placed: lambda placed, rig: _rig(placed.rig, None),
+    xr.Dataset: lambda zone, rig, say: u95_figure(zone, say, every=True) if rig is None else space_figure(zone, rig, say),
+    Plan: lambda plan, rig, say: _poses(plan.poses, rig, say),
+    Placed: lambda placed, _, say: _space(say, placed.rig, HOME),
     Program: _program,
     Identified: _identified,
-    Corrected: lambda corrected, rig: correction.errors_figure(corrected.done),
-    Described: lambda found, rig: structure.space_figure(found.linkage, found.record, found.pose),
-    Boundary: lambda found, rig: structure.slices_figure(found.content, found.pose),
-    Evaluation: lambda evaluation, rig: _characteristics([c.as_dict() for c in evaluation.characteristics]),
-    Certificate: lambda certificate, rig: _characteristics(certificate.content["characteristics"]),
+    Corrected: lambda corrected, _, say: correction.errors_figure(corrected.done, say),
+    Described: lambda found, _, say: structure.space_figure(found.linkage, found.record, found.pose, say),
+    Boundary: lambda found, _, say: structure.slices_figure(found.content, found.pose, say),
+    Evaluation: lambda evaluation, _, say: _characteristics([c.as_dict() for c in evaluation.characteristics], say),
+    Certificate: lambda certificate, _, say: _characteristics(certificate.content["characteristics"], say),
 }
 """Functions that draw each noun."""

@@ -10,7 +10,6 @@ from plotly.subplots import make_subplots
 from lmeasure.accuracy import AXIS_95, MOST_STRETCHES, Along, Stretch, merged
 from lmeasure.certificate import with_u95
 from lmeasure.core import WORDS, FloatArray
-from lmeasure.kernels import BASE_XYZ, wrap_geometry
 from lmeasure.report import figures, html
 from lmeasure.report.text import axes
 from lmeasure.rig import Rig
@@ -206,7 +205,10 @@ def space_figure(found: Along, rig: Rig | None, language: str = "en") -> go.Figu
     figure = go.Figure()
     known = np.flatnonzero(~np.isnan(poses[:, 0]))
     if rig is not None and len(known) and not np.isnan(poses[known[0]]).any():
-        _add_rig(figure, rig, poses[known[0]], words["cables"])
+        look = {"visible": HIDDEN, "legendgroup": words["cables"]}
+        ways = figures.cable_ways(rig.cable_rows(), poses[known[0]])
+        figures.add_cables(figure, ways, words["cables"], line={"width": 2, "color": "#9aa0a6"}, **look)
+        figures.add_points(figure, rig.observation_point, say, showlegend=False, hoverinfo="x+y+z+text", **look)
     x, y, z = poses[rows, :3].T
     u95_um = 1e3 * found.u95_mm[rows]
     line: dict[str, object] = {"width": 6, "color": "#555555"}
@@ -244,32 +246,6 @@ def _near(sample: int, known: np.ndarray) -> int | None:
         return None
     k = int(np.searchsorted(known, sample, side="right")) - 1
     return int(known[max(k, 0)])
-
-
-def _add_rig(figure: go.Figure, rig: Rig, pose: FloatArray, label: str) -> None:
-    """Cables to the first pose, and the observation points."""
-    rows = rig.cable_rows()
-    _, tangent, attachment, _ = wrap_geometry(rows, pose[None, :])
-    gap = np.full(3, np.nan)
-    line = np.concatenate([np.array([rows[j, BASE_XYZ], tangent[0, j], attachment[0, j], gap]) for j in range(len(rows))])
-    x, y, z = line.T
-    figure.add_scatter3d(
-        x=x, y=y, z=z, mode="lines", line={"width": 2, "color": "#9aa0a6"}, hoverinfo="skip", name=label, visible=HIDDEN, legendgroup=label
-    )
-    x, y, z = np.array([p.position_mm for p in rig.observation_point]).T
-    names = [html.label(p.name) for p in rig.observation_point]
-    figure.add_scatter3d(
-        x=x,
-        y=y,
-        z=z,
-        mode="markers+text",
-        text=names,
-        marker={"size": 4, "color": figures.POINT},
-        showlegend=False,
-        hoverinfo="x+y+z+text",
-        visible=HIDDEN,
-        legendgroup=label,
-    )
 
 
 def _shown(stretches: Sequence[Stretch], found: Along) -> list[Stretch]:

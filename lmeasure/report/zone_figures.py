@@ -9,7 +9,6 @@ import plotly.graph_objects as go
 import xarray as xr
 
 from lmeasure.core import FloatArray
-from lmeasure.kernels import BASE_XYZ, wrap_geometry
 from lmeasure.report import figures, html
 from lmeasure.report.text import axes
 from lmeasure.report.zone_maps import SCALE, log_colours
@@ -70,19 +69,9 @@ def space_figure(zone: xr.Dataset, rig: Rig, say: Say = ENGLISH, followed: Seque
             x=x, y=y, z=z, mode="lines", line={"width": 3, "color": EDGE}, name=say("zone.edge_followed_2"), legendgroup="followed",
             showlegend=n == 0,
         )  # fmt: skip
-    rows = rig.cable_rows()
-    _, tangent, attachment, _ = wrap_geometry(rows, middle_pose(zone)[None, :])
-    gap = np.full((1, 3), np.nan)
-    ways = [np.array([rows[j, BASE_XYZ], tangent[0, j], attachment[0, j]]) for j in range(len(rows))]
-    along = np.concatenate([np.concatenate([way, gap]) for way in ways]).T
-    look = {"width": 4, "color": CABLES}
-    figure.add_scatter3d(x=along[0], y=along[1], z=along[2], mode="lines", line=look, name=say("zone.cables"), hoverinfo="skip")
-    points = np.array([p.position_mm for p in rig.observation_point])
-    figure.add_scatter3d(
-        x=points[:, 0], y=points[:, 1], z=points[:, 2], mode="markers+text",
-        text=[html.label(p.name) for p in rig.observation_point],
-        marker={"size": 4, "color": figures.POINT}, name=say("page.observation_points"),
-    )  # fmt: skip
+    ways = figures.cable_ways(rig.cable_rows(), middle_pose(zone))
+    figures.add_cables(figure, ways, say("zone.cables"), line={"width": 4, "color": CABLES})
+    figures.add_points(figure, rig.observation_point, say)
     figure.update_layout(
         sliders=[_slider(coarse["z"].values[levels], len(figure.data), first, say) | {"pad": {"t": 84}}],
         scene=axes(say) | {"camera": {"eye": {"x": 1.9, "y": -1.9, "z": 1.1}, "center": figures.CAMERA["center"]}},
@@ -145,9 +134,7 @@ def _slider(levels: FloatArray, traces: int, first: int, say: Say, each: int = 1
 
 def views(zone: xr.Dataset, rig: Rig) -> list[tuple[str, str, list[Any]]]:
     """(horizontal axis, vertical axis, lines) of the rig seen from above and from the side, for drawing on paper."""
-    rows = rig.cable_rows()
-    _, tangent, attachment, _ = wrap_geometry(rows, middle_pose(zone)[None, :])
-    lines = [np.array([rows[j, BASE_XYZ], tangent[0, j], attachment[0, j]]) for j in range(len(rows))]
+    lines = list(figures.cable_ways(rig.cable_rows(), middle_pose(zone)))
     low, high = (np.array([zone[n].values[i] for n in "xyz"], dtype=np.float64) for i in (0, -1))
     out = []
     for h, v in itertools.combinations(range(3), 2):

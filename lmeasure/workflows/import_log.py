@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 from pydantic import Field, model_validator
 
 from lmeasure.core import SettingsError, pasted
-from lmeasure.text import composed, message, of_terminal
+from lmeasure.text import Say, composed, message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import BROWSER, RERUN, START, Paths, Point, Quaternion, Recording, Start, Writing, option, then
 
@@ -120,7 +120,14 @@ def _scanned(settings: Settings, progress: Progress) -> "Result[Imported | tuple
         from lmeasure.report import scans_figure, write_inspection_page
 
         what = message("inspect.logs", files=tuple(str(log) for log in settings.logs), counters=counters)
-        write_inspection_page(settings.report, settings.logs[0].name, what, lines=lines, figure=scans_figure(found), language=of_terminal())
+        write_inspection_page(
+            settings.report,
+            settings.logs[0].name,
+            what,
+            lines=lines,
+            figure=scans_figure(found, Say(of_terminal())),
+            language=of_terminal(),
+        )
     return Result(found, tuple(lines), figures, notes, page=settings.report)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from lmeasure.core import FileFormatError, LMeasureError
-from lmeasure.text import Message, message, of_terminal
+from lmeasure.text import Message, Say, message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, present, silent, steps, workflow
 from lmeasure.workflows.settings import BROWSER, LANGUAGE, Paths, Writing, option, then
 
@@ -78,10 +78,9 @@ def _write_page(out: Path, path: Path, content: Content, settings: Settings, pro
         lines = every_figure({**content.noun.content, "language": language})[1:]
     elif isinstance(content.noun, xr.Dataset):
         lines = zone_lines(content.noun, language)
-    write_inspection_page(
-        out, path.resolve().name, content.what, lines=lines, figure=None if content.noun is None else figure_of(content.noun),
-        command=_next(content, path), language=language,
-    )  # fmt: skip
+    figure = None if content.noun is None else figure_of(content.noun, say=Say(language))
+    title, command = path.resolve().name, _next(content, path)
+    write_inspection_page(out, title, content.what, lines=lines, figure=figure, command=command, language=language)
 
 
 def _next(content: Content, path: Path) -> str:
