@@ -52,7 +52,9 @@ def answer(certificate: dict[str, Any], space: pictures.Picture | None, say: Say
         )
     rows += html.assumed_numbers(map(from_stated, certificate.get("findings", ())), say)
     load, speed = texts_of.load_and_speed(certificate)
-    subject = " · ".join(t for t in (certificate["id"], summary.robot(certificate), load, speed) if t)
+    robot = summary.robot(certificate)
+    robot = say("certificate.robot_not_stated") if robot == say("certificate.not_stated") else robot
+    subject = " · ".join(t for t in (certificate["id"], robot, load, speed) if t)
     steps = [html.Step(say("certificate.next_verify"), "lmeasure verify FOLDER")]
     if state in ("bad", "warn"):
         steps.insert(

@@ -47,16 +47,6 @@ def workbook(certificate: dict[str, Any], measured: Measured) -> bytes:
     return out.getvalue()
 
 
-def cell(row: int, column: int, *, fixed: bool = False) -> str:
-    """Return the name of a cell, both from 0; fixed: with the signs that keep it when a formula is copied."""
-    sign, letters = "$" * fixed, ""
-    column += 1
-    while column:
-        column, letter = divmod(column - 1, 26)
-        letters = chr(ord("A") + letter) + letters
-    return f"{sign}{letters}{sign}{row + 1}"
-
-
 def _write(sheet: Any, row: int, column: int, value: object) -> None:
     if isinstance(value, bool | str):
         sheet.write_string(row, column, str(value).lower() if isinstance(value, bool) else value)
@@ -81,10 +71,12 @@ def _budget(sheet: Any, certificate: dict[str, Any], bold: Any) -> dict[int, tup
         if figure.get("budget"):
             spans[i] = (len(rows), len(rows) + len(figure["budget"]) - 1)
             rows += [[str(key_of(figure)), *(row[key] for key in ROW)] for row in figure["budget"]]
+    from xlsxwriter.utility import xl_rowcol_to_cell as cell
+
     _table(sheet, rows, bold)
     u, sensitivity, contribution, share = (1 + ROW.index(key) for key in ("u", "sensitivity", "contribution", "share_percent"))
     for first, last in spans.values():
-        whole = f"SUMSQ({cell(first, contribution, fixed=True)}:{cell(last, contribution, fixed=True)})"
+        whole = f"SUMSQ({cell(first, contribution, True, True)}:{cell(last, contribution, True, True)})"
         for row in range(first, last + 1):
             sheet.write_formula(row, contribution, f"=ABS({cell(row, u)}*{cell(row, sensitivity)})", None, rows[row][contribution])
             sheet.write_formula(row, share, f"=IF({whole}=0,0,100*{cell(row, contribution)}^2/{whole})", None, rows[row][share])
@@ -92,6 +84,8 @@ def _budget(sheet: Any, certificate: dict[str, Any], bold: Any) -> dict[int, tup
 
 
 def _results(sheet: Any, certificate: dict[str, Any], spans: dict[int, tuple[int, int]], bold: Any) -> None:
+    from xlsxwriter.utility import xl_rowcol_to_cell as cell
+
     figures = certificate["characteristics"]
     _table(sheet, [RESULT, *([figure.get(key) for key in RESULT] for figure in figures)], bold)
     u, k, u95, contribution = (*(RESULT.index(key) for key in ("u", "coverage_factor", "u95")), 1 + ROW.index("contribution"))

@@ -76,7 +76,7 @@ def errors_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> go.Figure:
     names = [html.label(o.target.name) for o in done]
     columns = (
         (1, say("page.before"), BEFORE, "circle", [o.correction.was_mm for o in done if o.correction is not None]),
-        (2, say("page.after"), AFTER, "circle", [o.correction.left_mm for o in done if o.correction is not None]),
+        (2, say("comparison.after"), AFTER, "circle", [o.correction.left_mm for o in done if o.correction is not None]),
         (2, "U95", U95, "line-ew-open", [o.u95_mm for o in done]),
     )
     figure = make_subplots(rows=2, shared_xaxes=True, vertical_spacing=0.08)
