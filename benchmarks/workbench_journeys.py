@@ -2,12 +2,12 @@
 
     python benchmarks/workbench_journeys.py WHO ... [--pictures FOLDER] [--write]
 
-newcomer: from `lmeasure demo` to its page with all pictures drawn. mechanic: from an empty folder to a calibrated rig in its zone with its
-points placed anew, over a bus of this machine to a simulated cell whose plugs are exchanged. engineer: from an empty folder to a signed
-certificate of a simulated robot, verified. Every page is loaded anew in the middle. foreign-log: from a log of another program to a verified
-certificate. laboratory: from a rig to a certificate that others verify. researcher: the README's script line by line, and the notebooks cell
-by cell. Printed: when each step was done, how long it took, and what is wrong with how its page looks. --write keeps a row for each in
-results/journeys.md.
+newcomer: from `lmeasure demo` to its page with all pictures drawn. mechanic: from an empty folder to a calibrated rig in its zone with
+its points placed anew, over a bus of this machine to a simulated cell whose plugs are exchanged. engineer: from an empty folder to a
+signed certificate of a simulated robot, verified. Every page is loaded anew in the middle. foreign-log: from a log of another program to
+a verified certificate. laboratory: from a rig to a certificate that others verify. researcher: the README's script line by line, and the
+notebooks cell by cell. Printed: when each step was done, how long it took, and what is wrong with how its page looks. --write keeps a row
+for each in results/journeys.md.
 """
 
 import argparse
