@@ -116,7 +116,7 @@ def test_sliders_of_the_limits_and_a_clicked_place_answer(folder: Path, zone: xr
         start = np.array(zone.attrs["zero_pose_xyz_mm_qxyzw"])
         found = ellipsoids(rig, None, at[None], Rotation.from_quat(turns[len(turns) // 2]), start=start)
         text = page.evaluate("document.getElementById('place').innerText")
-        assert f"({', '.join(f'{v:g}' for v in at)})\u00a0mm" in text
+        assert f"({', '.join(f'{v:g}' for v in at)})\u00a0mm".replace("-", "\u2212") in text
         assert f"{rig.cable[int(found.weakest[0])].name}: pressure angle {found.angle_deg[0]:.1f}°" in text
         x, y, z = (np.array(page.evaluate(f"document.getElementById('ellipsoid').data[0].{n}")).ravel() for n in "xyz")
         surface = np.column_stack([x, y, z])
