@@ -82,8 +82,10 @@ CORE = {
     "sensors/channels.py": [*_CHANNELS, "tests/sensors/test_fast_paths.py"],
     "sensors/wrap.py": _CHANNELS,
     "rig/parameters.py": ["tests/sensors/test_parameters.py"],
-    "sensors/imperfect_parts.py": ["tests/sensors/test_parts.py", "tests/sensors/test_parts_of_unlike_cables.py"],
-    "sensors/effect_laws.py": ["tests/sensors/test_parts.py", "tests/sensors/test_unsolved.py", "tests/trajectory/test_assumed.py"],
+    "sensors/imperfect_parts.py": [
+        *(f"tests/sensors/test_{name}.py" for name in ("parts", "parts_of_unlike_cables", "unsolved")),
+        "tests/trajectory/test_assumed.py",
+    ],
     "calibration/solve/residuals.py": _RESIDUALS,
     "calibration/solve/unknowns.py": _CAMPAIGNS,
     "calibration/validation/misfit.py": [

@@ -90,10 +90,8 @@ class Limits:
 
 
 def broken_limits(figures: Mapping[str, NDArray[Any]], limits: Limits, sign: int | None = None) -> tuple[NDArray[np.int32], int]:
-    """Bits of `REASONS` for arrays of figures named as in the dataset, with `flags`; and the assembly's sign.
-
-    The assembly that `one_assembly` keeps is the given sign, or that of most places without another fault.
-    """
+    """Bits of `REASONS` for arrays of figures named as in the dataset, with `flags`; and the assembly's sign. The assembly that
+    `one_assembly` keeps is the given sign, or that of most places without another fault."""
     flags = figures["flags"]
     shortest, longest = limits.length_mm or (0.0, math.inf)
     nothing = np.zeros(flags.shape, bool)

@@ -64,12 +64,9 @@ SINGULAR = 1e-12  # Least eigenvalue of the rows' normal equations, of the large
 
 @dataclass(frozen=True)
 class Readings:
-    """The readings of a rig, as arrays, cables first.
-
-    rows (M, columns) of the kernels; cables: how many of them are; V (M, M) [mm, rad]; white (M, M), white^T white = V^-1; drums (M,)
-    variance of lengths by drums that run out; scales (M,); factor (13 M, r) with factor factor^T the parameters' covariance; relative (M,)
-    1 of channels that count from the start pose (7,), 0 of absolute ones.
-    """
+    """The readings of a rig, as arrays, cables first. rows (M, columns) of the kernels; cables: how many of them are; V (M, M) [mm, rad];
+    white (M, M), white^T white = V^-1; drums (M,) variance of lengths by drums that run out; scales (M,); factor (13 M, r) with factor
+    factor^T the parameters' covariance; relative (M,) 1 of channels that count from the start pose (7,), 0 of absolute ones."""
 
     rows: FloatArray
     cables: int

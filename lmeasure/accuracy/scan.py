@@ -42,11 +42,8 @@ def digest_of(arrays: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Plan:
-    """Scan of a zone, as arrays; see `kernels.zone.scan` for cables ... bodies.
-
-    positions (n, 3) [mm]; quaternions (k, 4); order (m,): the cables as the lanes take them, of six the first three being inverted first;
-    nodes_per_chunk: how the positions are cut.
-    """
+    """What to scan, as arrays; see `kernels.zone.scan` for cables ... bodies. positions (n, 3) [mm]; quaternions (k, 4); order (m,): the
+    cables as the lanes take them, of six the first three being inverted first; nodes_per_chunk: how the positions are cut."""
 
     cables: FloatArray
     positions: FloatArray
@@ -61,8 +58,7 @@ class Plan:
     bodies: FloatArray
     order: IntArray
     nodes_per_chunk: int
-    channels: Readings | None = None
-    """All readings of a rig with encoders, which tell the pose together."""
+    channels: Readings | None = None  # All readings of a rig with encoders, which tell the pose together
 
     @property
     def six(self) -> bool:
@@ -134,7 +130,10 @@ def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntAr
         figures[kernels.DET_LOW], figures[kernels.DET_HIGH] = -high, -low
     flags = np.zeros(count, np.int64)
     if left.any():
-        figures[:, left], flags[left] = _scalar(plan, positions[left])
+        # pose by pose where the lanes are not sound
+        p = plan
+        given = (p.quaternions, p.variance, p.weights, p.scales, p.factor, p.start, p.points, p.pairs, p.bodies)
+        figures[:, left], flags[left] = kernels.scan(p.cables, np.ascontiguousarray(positions[left]), *given)
     return figures, flags
 
 
@@ -167,13 +166,6 @@ def _in_blocks(matrices: FloatArray) -> FloatArray:
     return np.swapaxes(matrices.reshape(*matrices.shape[:-2], kernels.BLOCKS, kernels.BLOCK, kernels.BLOCKS, kernels.BLOCK), -3, -2)
 
 
-def _scalar(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntArray]:
-    """The same of places at which the lanes are not sound, pose by pose."""
-    p = plan
-    around = (p.quaternions, p.variance, p.weights, p.scales, p.factor, p.start, p.points, p.pairs, p.bodies)
-    return kernels.scan(p.cables, np.ascontiguousarray(positions), *around)
-
-
 def turned(turns: Rotation, vectors: FloatArray) -> FloatArray:
     """(k, m, 3) of m vectors turned by k rotations."""
     # one sum per component in a fixed order: einsum or matmul may choose another on another machine
@@ -194,12 +186,9 @@ def run(
     scheduler: str | None = None,
     checkpoint: Path | None = None,
 ) -> tuple[FloatArray, IntArray]:
-    """Figures (F, n) and flags (n,) of all positions.
-
-    workers: threads, default one per core this process may use; scheduler: address of a dask scheduler that does the chunks instead;
-    checkpoint: folder where finished chunks are kept, so that a killed scan goes on where it stopped. AccuracyError when the folder
-    belongs to another scan, or the scheduler cannot be reached.
-    """
+    """Figures (F, n) and flags (n,) of all positions. workers: threads, default one per core this process may use; scheduler: address of a
+    dask scheduler that does the chunks instead; checkpoint: folder where finished chunks are kept, so that a killed scan goes on where it
+    stopped. AccuracyError when the folder belongs to another scan, or the scheduler cannot be reached."""
     kept = None if checkpoint is None else _Kept(checkpoint, plan)
     n = len(plan.positions)
     figures, flags = np.empty((len(kernels.FIGURES), n)), np.empty(n, np.int64)

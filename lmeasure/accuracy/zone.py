@@ -36,13 +36,11 @@ POINTS_AT_ONCE = 400_000
 
 
 def refined_volume(inside: BoolArray, axes: list[FloatArray], ask: Callable[[FloatArray], BoolArray], tolerance: float) -> dict[str, float]:
-    """Volume of the zone within the box of the nodes, and how much the last refinement changed it.
-
-    inside (nx, ny, nz): nodes in the zone; axes: their coordinates [mm]; ask: whether (n, 3) places are in the zone. A cell of eight nodes
-    counts whole or not at all when all its nodes and those of its neighbours agree; the others are cut into 2, 4, 8 and 16 parts a side,
-    each judged by its middle, until the volume changes by less than the tolerance (relative). Returns the attributes
-    refined_volume_mm3, refined_volume_change_mm3 (the last change), refined_parts (parts a side).
-    """
+    """Volume of the zone within the box of the nodes, and how much the last refinement changed it. inside (nx, ny, nz): nodes in the zone;
+    axes: their coordinates [mm]; ask: whether (n, 3) places are in the zone. A cell of eight nodes counts whole or not at all when all its
+    nodes and those of its neighbours agree; the others are cut into 2, 4, 8 and 16 parts a side, each judged by its middle, until the
+    volume changes by less than the tolerance (relative). Returns the attributes refined_volume_mm3, refined_volume_change_mm3 (the last
+    change), refined_parts (parts a side)."""
     steps = [np.diff(a) for a in axes]
     if any(len(s) == 0 for s in steps):
         return {"refined_volume_mm3": 0.0, "refined_volume_change_mm3": 0.0, "refined_parts": 1}

@@ -42,7 +42,7 @@ def record_session(
 ) -> Recording:
     """Open what the rig's `[can]` table and the bus's name ask for and record a pass; see `recorder.record`.
 
-    start: as `recording.start.stated_start` takes it; options: KEY=VALUE for the interface. AcquisitionError in one line.
+    start: as `recording.run.stated_start` takes it; options: KEY=VALUE for the interface. AcquisitionError in one line.
     """
     rig, calibration = read_linked_rig(rig_path)
     if passage > rig.passes:

@@ -149,11 +149,9 @@ def rounded_angles(name: str, angles: ArrayLike) -> FloatArray:
 
 
 def from_singular_deg(name: str, rotation: "Rotation") -> FloatArray:
-    """(...,) how far [degrees, 0 to 90] rotations are from an orientation whose angles are not unique.
-
-    There the first and the last axis of three turns lie on one line: the distance is the angle between them. A rotation vector is not
-    unique at half a turn; its distance is what the turn lacks of it, 90 at most.
-    """
+    """(...,) how far [degrees, 0 to 90] rotations are from an orientation whose angles are not unique. There the first and the last axis of
+    three turns lie on one line: the distance is the angle between them. A rotation vector is not unique at half a turn; its distance is
+    what the turn lacks of it, 90 at most."""
     c = convention(name)
     if c.axes == "rotvec":
         return np.minimum(180.0 - np.degrees(rotation.magnitude()), 90.0)

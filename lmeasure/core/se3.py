@@ -81,10 +81,8 @@ def displacement(a_from_b: FloatArray, reference: FloatArray) -> FloatArray:
 
 
 def exp(twists: ArrayLike) -> FloatArray:
-    """(..., 7) what the screw motions of twists (..., 6), (omega [rad]; v [mm]) at the origin, make of the identity in unit time.
-
-    Murray, Li, Sastry, A Mathematical Introduction to Robotic Manipulation, 2.3: the shift is the left Jacobian of omega times v.
-    """
+    """(..., 7) what the screw motions of twists (..., 6), (omega [rad]; v [mm]) at the origin, make of the identity in unit time. Murray,
+    Li, Sastry, A Mathematical Introduction to Robotic Manipulation, 2.3: the shift is the left Jacobian of omega times v."""
     rows = np.asarray(twists, dtype=np.float64)
     return _joined(_turned(left_jacobians(rows[..., :3]), rows[..., 3:]), _exponential(rows[..., :3]))
 

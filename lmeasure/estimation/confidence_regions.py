@@ -58,12 +58,9 @@ def regions(fit: Fit, seed: int, freedom: int | None = None) -> Regions:
     student = np.ones((draws, 1)) if freedom is None else np.sqrt(max(freedom, 1) / rng.chisquare(max(freedom, 1), (draws, 1)))
     x = student * xi + student**2 * second
     squares = np.einsum("na,na->n", x, np.linalg.solve(inner, x.T).T)
-    return Regions(
-        np.asarray((covariance + covariance.T) / 2),
-        float(np.sqrt(np.quantile(squares, PROBABILITY))),
-        np.asarray(np.quantile(np.abs(x @ scale.T), PROBABILITY, axis=0)),
-        float(np.sqrt(np.linalg.eigvalsh(inner)[-1] - 1.0)),
-    )
+    factor, widths = float(np.sqrt(np.quantile(squares, PROBABILITY))), np.quantile(np.abs(x @ scale.T), PROBABILITY, axis=0)
+    bent = float(np.sqrt(np.linalg.eigvalsh(inner)[-1] - 1.0))
+    return Regions(np.asarray((covariance + covariance.T) / 2), factor, np.asarray(widths), bent)
 
 
 def _drawn(fit: Fit, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -89,11 +86,9 @@ def _drawn(fit: Fit, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, 
 def _drawn_with_nuisance(
     fit: Fit, follows: FloatArray, held: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The same of the parameters, k of them beside the motions of the gauge, where there are nuisance parameters: axes (p, k).
-
-    With r = e at the truth, d = K e + first order of what is held, and K r = 0 at the result, K J being the projector onto what the data
-    determine, the second order is -K H[d, d]/2; H[d, d] = r(x + d) + r(x - d) - 2 r(x) is taken from the residuals themselves.
-    """
+    """The same of the parameters, k of them beside the motions of the gauge, where there are nuisance parameters: axes (p, k). With r = e
+    at the truth, d = K e + first order of what is held, and K r = 0 at the result, K J being the projector onto what the data determine,
+    the second order is -K H[d, d]/2; H[d, d] = r(x + d) + r(x - d) - 2 r(x) is taken from the residuals themselves."""
     own, residuals = fit.problem.own, fit.problem.residuals
     every = follows @ _noise(fit, rng)[:, :JOINT_DRAWS] + held @ rng.normal(size=(held.shape[1], JOINT_DRAWS))
     H = np.array([residuals(fit.theta + d) + residuals(fit.theta - d) for d in every.T]).T - 2.0 * fit.residuals[:, None]

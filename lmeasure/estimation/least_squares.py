@@ -117,14 +117,11 @@ def _split(w: Whitened, z: FloatArray, most: int) -> tuple[FloatArray, FloatArra
 
 
 def _release(w: Whitened, z: FloatArray) -> tuple[FloatArray, bool, int]:
-    """Gauss-Newton that fits the data in the directions they determine and goes back to the nominal value in the others.
-
-    It walks along a curved valley: a step towards the nominal value may leave the floor by WALL standard uncertainties of the data, which
-    the next ones mend. What remains is settled when it is a hundredth of the standard uncertainty there. A direction may be determined
-    at its own optimum and not at the nominal value, or the other way round; one that keeps changing sides is left to its prior.
-
-    The result, whether it settled, and how many directions the data were allowed to determine.
-    """
+    """Gauss-Newton that fits the data in the directions they determine and goes back to the nominal value in the others. It walks along a
+    curved valley: a step towards the nominal value may leave the floor by WALL standard uncertainties of the data, which the next ones
+    mend. What remains is settled when it is a hundredth of the standard uncertainty there. A direction may be determined at its own optimum
+    and not at the nominal value, or the other way round; one that keeps changing sides is left to its prior. The result, whether it
+    settled, and how many directions the data were allowed to determine."""
     r = w.residuals(z)
     settled, most = False, len(z)
     for step_number in range(MAX_STEPS):

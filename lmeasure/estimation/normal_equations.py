@@ -87,9 +87,7 @@ def optimum(problem: Blockwise[L], start: FloatArray, at: L | None = None) -> Op
 
 def _triangle(jacobian: FloatArray, residuals: FloatArray, off: FloatArray) -> FloatArray:
     """(p + 1, p + 1) the triangle of a QR decomposition of residuals and priors, in prior widths, and what they are off in its last column.
-
-    Normal equations would square the ratio of a prior of a hundred metres to a residual of a micrometre, and lose what only priors hold.
-    """
+    Normal equations would square the ratio of a prior of a hundred metres to a residual of a micrometre, and lose what only priors hold."""
     p = len(off)
     rows = np.vstack([np.column_stack([jacobian, residuals]), np.column_stack([np.eye(p), -off])])
     return np.asarray(np.linalg.qr(rows, mode="r"))

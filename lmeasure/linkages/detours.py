@@ -67,11 +67,8 @@ def detour(bounds: Kept, poses: FloatArray, margin: float = 0.0, *, turns: bool 
     way, own = (_ways(p, rim) for p in (wanted, out))
     apart = np.flatnonzero(own > APART * np.maximum(way, 1e-3 * way.max()))
     if len(apart):
-        raise StructureError(
-            message(
-                "error.path_between_samples_and_the", parameter=int(parameter[apart[0]]) + 1, ceil=int(np.ceil(parameter[apart[0] + 1])) + 1
-            )
-        )
+        between = {"parameter": int(parameter[apart[0]]) + 1, "ceil": int(np.ceil(parameter[apart[0] + 1])) + 1}
+        raise StructureError(message("error.path_between_samples_and_the", **between))
     return Detour(out, parameter, shift, turn, np.hypot(shift, rim * turn))
 
 
@@ -104,11 +101,9 @@ def _short(bounds: Kept, found: list[tuple[float, FloatArray]], margin: float) -
 def led(
     bounds: Kept, pose: FloatArray, margin: float = 0.0, start: FloatArray | None = None, *, aim: float | None = None, turns: bool = True
 ) -> FloatArray:
-    """The pose (7,) nearest to a pose that keeps all limits: least displacement under the limits made linear, again and again.
-
-    start (7,): where to begin, by default the pose itself; aim: by how much limits are kept where the pose does not keep the margin, by
-    default that; turns: whether the body may be turned. StructureError where none is found.
-    """
+    """The pose (7,) nearest to a pose that keeps all limits: least displacement under the limits made linear, again and again. start (7,):
+    where to begin, by default the pose itself; aim: by how much limits are kept where the pose does not keep the margin, by default that;
+    turns: whether the body may be turned. StructureError where none is found."""
     if (bounds.values(pose) >= margin).all():
         return pose
     aim = margin if aim is None else aim

@@ -82,9 +82,8 @@ class Tetrahedron:
         """The same tetrahedron named so that PQ is the edge."""
         place = next((k for k, name in vars(self).items() if name == edge), None)
         if place is None:
-            raise StructureError(
-                message("error.tetrahedron_has_no_edge", names=", ".join((*(getattr(self, e) for e in EDGES), self.pq)), edge=edge)
-            )
+            names = ", ".join((*(getattr(self, e) for e in EDGES), self.pq))
+            raise StructureError(message("error.tetrahedron_has_no_edge", names=names, edge=edge))
         if place == "pq":
             return self
         if place == "xy":
@@ -97,10 +96,8 @@ class Tetrahedron:
 
 
 def bands(tetrahedron: Tetrahedron, limits: Limits, edge: str) -> Flat:
-    """Where the edge is flat while the other five are anywhere within their limits.
-
-    StructureError when a face cannot be assembled at all.
-    """
+    """Where the edge is flat while the other five are anywhere within their limits. StructureError when a face cannot be assembled at
+    all."""
     named = tetrahedron.seen_from(edge)
     box = np.array([limits[getattr(named, e)] for e in EDGES], dtype=np.float64)
     if not (np.isfinite(box).all() and (box[:, 0] > 0.0).all() and (box[:, 0] <= box[:, 1]).all()):
@@ -226,6 +223,5 @@ def adjusted(
         if now == before:
             break
     stuck = next(t for t in tetrahedra if not clear(t, now))
-    raise StructureError(
-        message("error.limits_tetrahedron_may_be", values=", ".join(vars(stuck).values()), adjustable=", ".join(adjustable))
-    )
+    named = {"values": ", ".join(vars(stuck).values()), "adjustable": ", ".join(adjustable)}
+    raise StructureError(message("error.limits_tetrahedron_may_be", **named))

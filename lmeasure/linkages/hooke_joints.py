@@ -10,11 +10,8 @@ from lmeasure.text import message
 
 
 def hooke_turns(e: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return the signed rotations (...,) [rad] of legs with unit directions e (..., 3) about themselves.
-
-    The zero is where the crosses with the first axes low and high (..., 3) are parallel: atan2(e . (e x low) x (e x high),
-    (e x low) . (e x high)).
-    """
+    """Return the signed rotations (...,) [rad] of legs with unit directions e (..., 3) about themselves. The zero is where the crosses with
+    the first axes low and high (..., 3) are parallel: atan2(e . (e x low) x (e x high), (e x low) . (e x high))."""
     one, other = np.cross(e, low), np.cross(e, high)
     return np.asarray(np.arctan2((e * np.cross(one, other)).sum(axis=-1), (one * other).sum(axis=-1)))
 

@@ -104,12 +104,9 @@ class Proved:
     """Points (n, 8), one coordinate of each 1, with what is proved of them."""
 
     points: ComplexArray
-    radius: FloatArray
-    """(n,) of the box in every coordinate."""
-    certain: BoolArray
-    """(n,) that the box holds one assembly, and a proper one (e.e is not 0)."""
-    real: BoolArray
-    """(n,) that this assembly is real; false where it is proved not to be, or not known."""
+    radius: FloatArray  # (n,) of the box in every coordinate
+    certain: BoolArray  # (n,) that the box holds one assembly, and a proper one (e.e is not 0)
+    real: BoolArray  # (n,) that this assembly is real; false where it is proved not to be, or not known
 
 
 def proved(rows: ComplexArray, points: ComplexArray, exact: ExactLinks | None = None) -> Proved:

@@ -17,11 +17,9 @@ SHIFT_RAD_PER_MM = 1e-6  # a screw that turns less than this per mm is a shift: 
 
 @dataclass(frozen=True)
 class Screw:
-    """A screw that the lengths of links see least at a pose of the body.
-
-    direction (3,) unit vector; point (3,) of the axis nearest to the body's origin [mm]; pitch_mm along it per turn; of a shift, which has
-    no axis, point is that origin and pitch_mm is infinite. mm_per_mm: change of length per mm that the body moves by it.
-    """
+    """A screw that the lengths of links see least at a pose of the body. direction (3,) unit vector; point (3,) of the axis nearest to the
+    body's origin [mm]; pitch_mm along it per turn; of a shift, which has no axis, point is that origin and pitch_mm is infinite. mm_per_mm:
+    change of length per mm that the body moves by it."""
 
     direction: FloatArray
     point: FloatArray

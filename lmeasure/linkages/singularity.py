@@ -108,11 +108,9 @@ def moved(poses: FloatArray, twists: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Hold:
-    """Quality of a body's hold by links, turns counted at its rim.
-
-    rank of the rows; condition: of the rows, infinite where they do not hold it; mm_per_mm: the largest motion of the rim by lengths
-    that are off by 1 mm together, a number that a user can judge by where a determinant depends on units.
-    """
+    """How well links hold a body, turns counted at its rim. rank of the rows; condition: of the rows, infinite where they do not hold it;
+    mm_per_mm: the largest motion of the rim by lengths that are off by 1 mm together, a number that a user can judge by where a determinant
+    depends on units."""
 
     rank: int
     condition: float

@@ -103,10 +103,8 @@ def _followed(found: Incidence, rows: ComplexArray, a: FloatArray, b: FloatArray
 
 
 def _of_these_points(found: Incidence, a: FloatArray, b: FloatArray) -> int:
-    """How many complex assemblies links between these points have when their lengths are not special; 0 where that cannot be determined.
-
-    Of complex lengths drawn twice. Each path must end either at an assembly or, without doubt, where there is none.
-    """
+    """How many complex assemblies links between these points have when their lengths are not special; 0 where that cannot be determined. Of
+    complex lengths drawn twice. Each path must end either at an assembly or, without doubt, where there is none."""
     counts = set()
     for seed in (1, 2):
         rng = np.random.default_rng(seed)

@@ -30,10 +30,8 @@ def points(poses: FloatArray) -> FloatArray:
 
 
 def points_of(shift: Array, turn: Array) -> Array:
-    """(..., 8) Study coordinates of shifts (..., 3) and rotation matrices (..., 3, 3), real or complex.
-
-    Of the four columns of 4 e e^T, which has no term that could cancel on its diagonal, the largest.
-    """
+    """(..., 8) Study coordinates of shifts (..., 3) and rotation matrices (..., 3, 3), real or complex. Of the four columns of 4 e e^T,
+    which has no term that could cancel on its diagonal, the largest."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = (tuple(turn[..., i, j] for j in range(3)) for i in range(3))
     columns = [
         [1.0 + xx + yy + zz, zy - yz, xz - zx, yx - xy],

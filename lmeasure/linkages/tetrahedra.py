@@ -100,10 +100,8 @@ def _norm(v: Array) -> Array:
 
 
 def _apex(corners: list[Array], r: list[Array]) -> tuple[Array, Array, FloatArray]:
-    """Both apexes (n, k, 3) over three corners at the distances r from them, and the squared height (n, k) as part of the squared edges.
-
-    A real height that would be imaginary is 0: the foot of the tetrahedron that misses least.
-    """
+    """Both apexes (n, k, 3) over three corners at the distances r from them, and the squared height (n, k) as part of the squared edges. A
+    real height that would be imaginary is 0: the foot of the tetrahedron that misses least."""
     a, ab, ac = corners[0], corners[1] - corners[0], corners[2] - corners[0]
     d, normal = _norm(ab), np.cross(ab, ac)
     with np.errstate(divide="ignore", invalid="ignore"):

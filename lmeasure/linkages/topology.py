@@ -142,11 +142,9 @@ Numbered = tuple[Links, dict[int, int], dict[int, int]]
 
 @cache
 def _numbered(links: Links) -> Numbered:
-    """The links in their one order, and the new numbers of the points of the platform and of the base.
-
-    Points with more links come first. The side with fewer such numberings is tried in all of them, and numbers the other one; that whose
-    links come first in the order of words is taken.
-    """
+    """The links in their one order, and the new numbers of the points of the platform and of the base. Points with more links come first.
+    The side with fewer such numberings is tried in all of them, and numbers the other one; that whose links come first in the order of
+    words is taken."""
     if _numberings([b for _, b in links]) < _numberings([p for p, _ in links]):
         turned, of_base, of_platform = _by_platform([(b, p) for p, b in links])
         return tuple(sorted((p, b) for b, p in turned)), of_platform, of_base

@@ -278,12 +278,10 @@ def _walk(
 def _beside(
     bounds: Bounds, plane: Slice, place: FloatArray, ahead: FloatArray, tangent: FloatArray, turned: FloatArray, way: float, to: float
 ) -> bool:
-    """Whether the step from a place on a limit to the next turns little, and all that lies beside it on the inner side is inside.
-
-    Without this the walk would go straight through a place where a limit crosses itself, or where two cells meet. Where an odd number of
-    branches meet, what lies beyond is inside again and no slope changes its sign; the outside shows beside the step alone, over a length
-    as small as the distance from it. So the parts looked at overlap from step to step: `to` is where this one ends, in parts of the step.
-    """
+    """Whether the step from a place on a limit to the next turns little, and all that lies beside it on the inner side is inside. Without
+    this the walk would go straight through a place where a limit crosses itself, or where two cells meet. Where an odd number of branches
+    meet, what lies beyond is inside again and no slope changes its sign; the outside shows beside the step alone, over a length as small as
+    the distance from it. So the parts looked at overlap from step to step: `to` is where this one ends, in parts of the step."""
     if float(turned @ tangent) < np.cos(TURN):
         return False
     chord = ahead - place
@@ -295,11 +293,9 @@ def _beside(
 def _around(
     bounds: Bounds, plane: Slice, place: FloatArray, tangent: FloatArray, way: float, radius: float
 ) -> tuple[FloatArray, FloatArray, int, float]:
-    """Where the boundary goes on from a corner without a tangent: a place at a radius, the tangent and the limit there, and the radius.
-
-    One looks around, from where one came through the inside to its other end; farther off where a limit is so flat beside the corner that
-    Newton's method fails, as where three of its branches meet.
-    """
+    """Where the boundary goes on from a corner without a tangent: a place at a radius, the tangent and the limit there, and the radius. One
+    looks around, from where one came through the inside to its other end; farther off where a limit is so flat beside the corner that
+    Newton's method fails, as where three of its branches meet."""
     while True:
         on, along, which = _at_radius(bounds, plane, place, tangent, way, radius)
         if on is not None:

@@ -39,19 +39,17 @@ from .run import (
     Recorded as Recorded,
     Run as Run,
     RunHead as RunHead,
+    StartErrors as StartErrors,
+    StatedStart as StatedStart,
+    UStart as UStart,
     known as known,
     notes_of as notes_of,
     read_run as read_run,
     read_run_head as read_run_head,
     recording_at as recording_at,
-    write_run as write_run,
-)
-from .start import (
-    StartErrors as StartErrors,
-    StatedStart as StatedStart,
-    UStart as UStart,
     start_from_text as start_from_text,
     start_of_rig as start_of_rig,
     start_uncertainty as start_uncertainty,
     stated_start as stated_start,
+    write_run as write_run,
 )

@@ -60,23 +60,15 @@ class Counts(Shown):
     def __post_init__(self) -> None:
         n = len(self.time_s)
         if self.recorded.shape != (n, len(self.channels)):
-            raise FileFormatError(
-                message("error.counts_of_shape_do", where=self.source, shape=str(self.recorded.shape), n=n, n_channels=len(self.channels))
-            )
+            shapes = {"shape": str(self.recorded.shape), "n": n, "n_channels": len(self.channels)}
+            raise FileFormatError(message("error.counts_of_shape_do", where=self.source, **shapes))
         if n == 0:
             raise FileFormatError(message("error.has_no_samples", where=self.source))
         late = np.flatnonzero(~(np.diff(self.time_s) > 0))
         if len(late):
             i = int(late[0])
-            raise FileFormatError(
-                message(
-                    "error.sample_time_s_does",
-                    where=self.source,
-                    first=self.first + i + 1,
-                    time_s=float(self.time_s[i + 1]),
-                    time_s2=float(self.time_s[i]),
-                )
-            )
+            times = {"time_s": float(self.time_s[i + 1]), "time_s2": float(self.time_s[i])}
+            raise FileFormatError(message("error.sample_time_s_does", where=self.source, first=self.first + i + 1, **times))
         if self.stamp_s is not None:
             if self.stamp_s.shape != self.recorded.shape:
                 shapes = {"shape": str(self.stamp_s.shape), "counts": str(self.recorded.shape)}
@@ -200,9 +192,8 @@ def _taken(table: files.Table, channels: tuple[str, ...], stamps: tuple[str, ...
     if "u_time_s" in table.columns:
         skew = table.numbers("u_time_s")
         if (skew < 0).any():
-            raise FileFormatError(
-                message("error.sample_u_time_s", where=path, first=table.first + int(np.argmax(skew < 0)), skew=skew.min())
-            )
+            first = table.first + int(np.argmax(skew < 0))
+            raise FileFormatError(message("error.sample_u_time_s", where=path, first=first, skew=skew.min()))
     warm = table.numbers("temperature_c") if "temperature_c" in table.columns else None
     if warm is not None:
         conventions.check_temperature(warm, f"{path}: column 'temperature_c'")

@@ -133,44 +133,30 @@ class Poses(Shown):
 
     def of(self, index: IntArray) -> "Poses":
         """The poses of these indices."""
-        return Poses(
-            tuple(self.names[i] for i in index),
-            self.rows[index],
-            self.u_position_mm[index],
-            self.u_rotation_rad[index],
-            None if self.covariance is None else self.covariance[index],
-            self.oriented,
-            self.absent,
-        )
+        covariance = None if self.covariance is None else self.covariance[index]
+        stated = self.rows[index], self.u_position_mm[index], self.u_rotation_rad[index], covariance
+        return Poses(tuple(self.names[i] for i in index), *stated, self.oriented, self.absent)
 
     def with_uncertainty(self, u_position_mm: float | None = None, u_rotation_rad: float | None = None) -> "Poses":
         """With these standard uncertainties instead of what is stated, or is not; None leaves what there is."""
-        place, turn = self.u_position_mm, self.u_rotation_rad
+        n, given = len(self), {"position": u_position_mm, "rotation": u_rotation_rad}
+        place = self.u_position_mm if u_position_mm is None else np.full(n, u_position_mm)
+        turn = self.u_rotation_rad if u_rotation_rad is None else np.full(n, u_rotation_rad)
         covariance = None if self.covariance is None else self.covariance.copy()
         for u, own in ((u_position_mm, slice(3, 6)), (u_rotation_rad, slice(0, 3))):
             if u is not None and covariance is not None:
                 covariance[:, own, :] = covariance[:, :, own] = 0.0
                 covariance[:, own, own] = u**2 * np.eye(3)
-        return replace(
-            self,
-            u_position_mm=place if u_position_mm is None else np.full(len(self), u_position_mm),
-            u_rotation_rad=turn if u_rotation_rad is None else np.full(len(self), u_rotation_rad),
-            covariance=covariance,
-            absent=tuple(
-                name for name, u in (("position", u_position_mm), ("rotation", u_rotation_rad)) if name in self.absent and u is None
-            ),
-        )
+        absent = tuple(name for name, u in given.items() if name in self.absent and u is None)
+        return replace(self, u_position_mm=place, u_rotation_rad=turn, covariance=covariance, absent=absent)
 
     def or_uncertain(self, u_position_mm: float, u_rotation_rad: float) -> "Poses":
         """With these standard uncertainties for poses that state none."""
         stated = (self.u_position_mm > 0) | (self.u_rotation_rad > 0)
         other = Poses(self.names, self.rows, np.full(len(self), u_position_mm), np.full(len(self), u_rotation_rad))
-        return replace(
-            self,
-            u_position_mm=np.where(stated, self.u_position_mm, u_position_mm),
-            u_rotation_rad=np.where(stated, self.u_rotation_rad, u_rotation_rad),
-            covariance=None if self.covariance is None else np.where(stated[:, None, None], self.covariance, other.covariances),
-        )
+        place, turn = np.where(stated, self.u_position_mm, u_position_mm), np.where(stated, self.u_rotation_rad, u_rotation_rad)
+        covariance = None if self.covariance is None else np.where(stated[:, None, None], self.covariance, other.covariances)
+        return replace(self, u_position_mm=place, u_rotation_rad=turn, covariance=covariance)
 
     def points(self, attachment_mm: Sequence[float] | FloatArray) -> FloatArray:
         """(n, 3) positions [mm, base frame] of a point given in the tool frame."""
@@ -223,13 +209,9 @@ def poses_from_rows(rows: FloatArray, names: Sequence[str] | None = None) -> Pos
 def joined(first: Poses, then: Poses) -> Poses:
     """All poses of both, oriented ones, with their stated uncertainties."""
     both = first, then
-    return Poses(
-        (*first.names, *then.names),
-        np.vstack([p.rows for p in both]),
-        np.concatenate([p.u_position_mm for p in both]),
-        np.concatenate([p.u_rotation_rad for p in both]),
-        None if all(p.covariance is None for p in both) else np.concatenate([p.covariances for p in both]),
-    )
+    u = np.concatenate([p.u_position_mm for p in both]), np.concatenate([p.u_rotation_rad for p in both])
+    covariance = None if all(p.covariance is None for p in both) else np.concatenate([p.covariances for p in both])
+    return Poses((*first.names, *then.names), np.vstack([p.rows for p in both]), *u, covariance)
 
 
 def read_poses(
@@ -302,11 +284,8 @@ def _poses_in(table: files.Table, angles: str, positions_alone: bool) -> Poses:
     elif positions_alone and not any(c in table.columns for c in _ORIENTATION_COLUMNS):
         quaternion, oriented = np.tile([0.0, 0.0, 0.0, 1.0], (len(names), 1)), False
     else:
-        raise FileFormatError(
-            message(
-                "error.needs_the_columns_angles", where=path, columns=", ".join(columns), angles=angles, columns2=", ".join(table.columns)
-            )
-        )
+        needed = {"columns": ", ".join(columns), "angles": angles, "columns2": ", ".join(table.columns)}
+        raise FileFormatError(message("error.needs_the_columns_angles", where=path, **needed))
     try:
         poses = poses_from_rows(np.column_stack([position, quaternion]), names)
     except FileFormatError as error:
@@ -336,9 +315,8 @@ def _covariance(table: files.Table, u_position_mm: FloatArray, u_rotation_rad: F
         if given and common in table.columns:
             raise FileFormatError(message("error.has_and_one_of", where=path, given=given[0], common=common))
         if given and len(given) < len(group):
-            raise FileFormatError(
-                message("error.column_is_missing_is", where=path, next=next(c for c in group if c not in given), given=given[0])
-            )
+            lacking = next(c for c in group if c not in given)
+            raise FileFormatError(message("error.column_is_missing_is", where=path, next=lacking, given=given[0]))
         for c in given:
             values = table.numbers(c)
             if (values < 0).any():

@@ -254,9 +254,8 @@ class Compliance(Strict):
     @model_validator(mode="after")
     def _one_per_window(self) -> Self:
         if self.windows_s and len(self.force_n) != len(self.windows_s):
-            raise ValueError(
-                message("error.compliance_of_force_n", pose=self.pose, n_force_n=len(self.force_n), n_windows_s=len(self.windows_s))
-            )
+            numbers = {"n_force_n": len(self.force_n), "n_windows_s": len(self.windows_s)}
+            raise ValueError(message("error.compliance_of_force_n", pose=self.pose, **numbers))
         return self
 
 
@@ -332,9 +331,8 @@ class Program(Shown, Strict):
                     raise of_key(kind, message("error.the_name_is_given", name=name, times=times))
         asked = [(f"distance {d.name}", n) for d in (*self.distance, *self.posing) for n in (d.from_pose, d.to_pose)]
         asked += [("drift", d.pose) for d in self.drift] + [("compliance", c.pose) for c in self.compliance]
-        asked += [
-            ("tolerance", t.pose) for t in self.tolerance if t.pose and t.pose not in {d.name for d in (*self.distance, *self.posing)}
-        ]
+        others = {d.name for d in (*self.distance, *self.posing)}
+        asked += [("tolerance", t.pose) for t in self.tolerance if t.pose and t.pose not in others]
         for what, name in asked:
             if name not in poses:
                 raise of_key(what, message("error.there_is_no_pose_2", name=name))

@@ -207,12 +207,8 @@ class CalibrationRecord(Shown, _Record):
                 raise of_key("parameters", message("error.the_name_is_given", name=name, times=times))
         for own in self.dimensions:
             if len(own.covariance) != p + len(self.dimensions):
-                raise of_key(
-                    "dimensions",
-                    message(
-                        "error.covariance_has_numbers_not", name=own.name, n_covariance=len(own.covariance), p=p + len(self.dimensions)
-                    ),
-                )
+                numbers = {"n_covariance": len(own.covariance), "p": p + len(self.dimensions)}
+                raise of_key("dimensions", message("error.covariance_has_numbers_not", name=own.name, **numbers))
         if self.dimensions:
             joint = self.joint_matrix()
             _check_covariance("dimensions: covariance", tuple(map(tuple, joint.tolist())), len(joint))
@@ -387,11 +383,8 @@ def read_linked_rig(path: Path) -> tuple[Rig, CalibrationRecord | None]:
 
 
 def check_linked(rig: Rig, record: CalibrationRecord, rig_path: Path | str, record_path: Path | str) -> None:
-    """FileFormatError when the record is of a rig of another name, or a parameter of its has another value there than the rig has.
-
-    A radius has no sign, and guide angles that name one direction are the same. Parameters of kinds that a rig does not hold are passed
-    over.
-    """
+    """FileFormatError when the record is of a rig of another name, or a parameter of its has another value there than the rig has. A radius
+    has no sign, and guide angles that name one direction are the same. Parameters of kinds that a rig does not hold are passed over."""
     if record.rig != rig.name:
         raise FileFormatError(message("error.is_the_calibration_of", where=record_path, rig=record.rig, rig_path=rig_path, name=rig.name))
     values: list[RecordedParameter | Dimension] = [*record.parameters, *record.dimensions]
@@ -404,9 +397,8 @@ def check_linked(rig: Rig, record: CalibrationRecord, rig_path: Path | str, reco
             continue
         allowed = max(ROUNDING * max(1.0, abs(found)), BESIDE_U * abs(p.u))
         if not _apart(p.name.rpartition(".")[2], p.value, found) <= allowed:
-            raise FileFormatError(
-                message("error.parameter_but_has_it", where=record_path, name=p.name, value=p.value, rig_path=rig_path, found=found)
-            )
+            values_of = {"value": p.value, "rig_path": rig_path, "found": found}
+            raise FileFormatError(message("error.parameter_but_has_it", where=record_path, name=p.name, **values_of))
 
 
 def _apart(key: str, a: float, b: float) -> float:

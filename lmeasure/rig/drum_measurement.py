@@ -99,19 +99,12 @@ class DrumMeasurement(Strict):
                 raise ValueError(message("error.drum_radius_mm_gives", turn=turn, n=n * count))
         geometry = drum_geometry(self)
         if self.centre_distance_mm <= geometry.drum_radius_mm + self.fixed_pulley_radius_mm:
-            raise of_key(
-                "centre_distance_mm",
-                message(
-                    "error.mm_is_not_more",
-                    centre_distance_mm=self.centre_distance_mm,
-                    drum_radius_mm=geometry.drum_radius_mm + self.fixed_pulley_radius_mm,
-                ),
-            )
+            radii_mm = geometry.drum_radius_mm + self.fixed_pulley_radius_mm
+            why = message("error.mm_is_not_more", centre_distance_mm=self.centre_distance_mm, drum_radius_mm=radii_mm)
+            raise of_key("centre_distance_mm", why)
         if self.full_wind_counts <= geometry.engaging_counts:
-            raise of_key(
-                "full_wind_counts",
-                message("error.is_not_more_than", full_wind_counts=self.full_wind_counts, engaging_counts=geometry.engaging_counts),
-            )
+            counts = {"full_wind_counts": self.full_wind_counts, "engaging_counts": geometry.engaging_counts}
+            raise of_key("full_wind_counts", message("error.is_not_more_than", **counts))
         return self
 
 
@@ -154,12 +147,8 @@ class DrumGeometry:
 
 def drum_geometry(measured: DrumMeasurement) -> DrumGeometry:
     """The drum of thesis 5.5 from the measured values."""
-    n, pitch, a, r2 = (
-        measured.counts_per_revolution,
-        measured.groove_pitch_mm,
-        measured.centre_distance_mm,
-        measured.fixed_pulley_radius_mm,
-    )
+    n, pitch = measured.counts_per_revolution, measured.groove_pitch_mm
+    a, r2 = measured.centre_distance_mm, measured.fixed_pulley_radius_mm
     count = measured.count_length_mm
     if count is None:
         r1 = float(measured.drum_radius_mm or math.nan)
@@ -168,24 +157,14 @@ def drum_geometry(measured: DrumMeasurement) -> DrumGeometry:
         r1 = math.sqrt((n * count) ** 2 - pitch**2) / (2 * math.pi)
     gamma = math.atan(pitch / (2 * math.pi * r1))
     if abs(r1 - r2) >= a or r2 >= a:
-        nan = math.nan
-        return DrumGeometry(r1, count, gamma, nan, nan, nan, nan, nan, nan)
+        return DrumGeometry(r1, count, gamma, *(math.nan,) * 6)
     gamma2 = math.acos((r1 - r2) / a)
     gamma3 = gamma2 - math.asin(r2 / a)
     k0 = n * gamma3 / (2 * math.pi)
     t0 = r1 * gamma3 * math.tan(gamma)
     t1 = (measured.full_wind_counts - k0) * pitch / n
-    return DrumGeometry(
-        drum_radius_mm=r1,
-        count_length_mm=count,
-        groove_angle=gamma,
-        engaging_angle=gamma3,
-        engaging_counts=k0,
-        engaging_travel_mm=t0,
-        winding_travel_mm=t1,
-        tangent_length_mm=a * math.sin(gamma2),
-        axial_offset_mm=measured.pulley_plane_mm - measured.cable_end_mm - t0 - t1,
-    )
+    axial_offset_mm = measured.pulley_plane_mm - measured.cable_end_mm - t0 - t1
+    return DrumGeometry(r1, count, gamma, gamma3, k0, t0, t1, a * math.sin(gamma2), axial_offset_mm)
 
 
 def drum_uncertainty(measured: DrumMeasurement) -> tuple[float, float]:
@@ -198,19 +177,11 @@ def drum_uncertainty(measured: DrumMeasurement) -> tuple[float, float]:
         u_radius = n**2 * g.count_length_mm / (4 * math.pi**2 * g.drum_radius_mm) * measured.u_count_length_mm
         radius_by_pitch = -measured.groove_pitch_mm / (4 * math.pi**2 * g.drum_radius_mm)
     difference = (g.drum_radius_mm - measured.fixed_pulley_radius_mm) / g.tangent_length_mm
-    tangent = math.hypot(
-        measured.centre_distance_mm / g.tangent_length_mm * measured.u_centre_distance_mm,
-        difference * u_radius,
-        difference * radius_by_pitch * measured.u_groove_pitch_mm,
-        difference * measured.u_fixed_pulley_radius_mm,
-    )
-    offset = math.hypot(
-        measured.u_pulley_plane_mm,
-        measured.u_cable_end_mm,
-        measured.full_wind_counts / n * measured.u_groove_pitch_mm,
-        measured.groove_pitch_mm / n * measured.u_full_wind_counts,
-    )
-    return tangent, offset
+    by_centres = measured.centre_distance_mm / g.tangent_length_mm * measured.u_centre_distance_mm
+    radius, pulley = difference * u_radius, difference * measured.u_fixed_pulley_radius_mm
+    by_radii = radius, difference * radius_by_pitch * measured.u_groove_pitch_mm, pulley
+    by_pitch = measured.full_wind_counts / n * measured.u_groove_pitch_mm, measured.groove_pitch_mm / n * measured.u_full_wind_counts
+    return math.hypot(by_centres, *by_radii), math.hypot(measured.u_pulley_plane_mm, measured.u_cable_end_mm, *by_pitch)
 
 
 def read_drums(path: Path) -> tuple[DrumMeasurement, ...]:
@@ -285,9 +256,8 @@ def drums_into(content: Mapping[str, Any], measured: tuple[DrumMeasurement, ...]
     known: set[str] = set()
     for m in measured:
         if m.point not in points:
-            raise RigError(
-                message("error.has_no_observation_point", where=source, point=m.point, points=", ".join(map(str, points)) or None)
-            )
+            others = ", ".join(map(str, points)) or None
+            raise RigError(message("error.has_no_observation_point", where=source, point=m.point, points=others))
         g, (u_tangent, u_offset) = drum_geometry(m), drum_uncertainty(m)
         values: dict[str, float] = {
             "counts_per_revolution": m.counts_per_revolution,

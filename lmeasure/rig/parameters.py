@@ -31,12 +31,9 @@ class Owner(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class CableParameter:
-    """A kind of parameter of a cable.
-
-    key: after the owner's name, that of a value in a calibration record; group: what `--solve` calls it.
+    """A kind of parameter of a cable. key: after the owner's name, that of a value in a calibration record; group: what `--solve` calls it.
     default_u: prior standard uncertainty of a nominal value that states none (a drawing, a tape measure, a protractor); assumed_u: of one
-    in the rig's `assumed` list, which nobody measured. column: where the kernels' rows have it, if they do.
-    """
+    in the rig's `assumed` list, which nobody measured. column: where the kernels' rows have it, if they do."""
 
     key: str
     owner: Owner
@@ -44,17 +41,12 @@ class CableParameter:
     default_u: float
     assumed_u: float
     column: int | None
-    stored: str = ""
-    """Its key in rig.toml, where that is another; index: which of several numbers there."""
+    stored: str = ""  # Its key in rig.toml, where that is another; index: which of several numbers there
     index: int | None = None
-    stated: str = ""
-    """The key of its standard uncertainty, where that is another than u_ and the key."""
-    inverse: str = ""
-    """A key of rig.toml that says the same the other way round: what is uncertain of it is uncertain of the parameter."""
-    per_revolution: bool = False
-    """Whether the kernels' rows have it per count, as its share of a drum's revolution."""
-    unsigned: bool = False
-    """Whether its sign means nothing."""
+    stated: str = ""  # The key of its standard uncertainty, where that is another than u_ and the key
+    inverse: str = ""  # A key of rig.toml that says the same the other way round: what is uncertain of it is uncertain of the parameter
+    per_revolution: bool = False  # Whether the kernels' rows have it per count, as its share of a drum's revolution
+    unsigned: bool = False  # Whether its sign means nothing
 
     @property
     def unit(self) -> str:

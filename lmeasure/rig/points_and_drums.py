@@ -153,10 +153,8 @@ class Drum(CableOnDrum):
             if abs(value) > GREATEST_PART * turn / math.pi:
                 raise of_key(key, message("error.is_more_than_a", value=value, turn=turn / math.pi))
         if self.u_count_length_mm is not None and self.u_count_length_mm > 0.5 * self.count_length_mm:
-            raise of_key(
-                "u_count_length_mm",
-                message("error.is_more_than_half", u_count_length_mm=self.u_count_length_mm, count_length_mm=self.count_length_mm),
-            )
+            sizes = {"u_count_length_mm": self.u_count_length_mm, "count_length_mm": self.count_length_mm}
+            raise of_key("u_count_length_mm", message("error.is_more_than_half", **sizes))
         return self
 
     @model_serializer(mode="wrap")
@@ -254,21 +252,14 @@ class ObservationPoint(Strict):
     @model_validator(mode="after")
     def _turns_about_an_axle(self) -> Self:
         if self.u_pulley_eccentricity_mm and self.u_pulley_eccentricity_mm > 0.5 * self.pulley_radius_mm:
-            raise of_key(
-                "u_pulley_eccentricity_mm",
-                message(
-                    "error.is_more_than_half_of",
-                    u_pulley_eccentricity_mm=self.u_pulley_eccentricity_mm,
-                    pulley_radius_mm=self.pulley_radius_mm,
-                ),
-            )
+            sizes = {"u_pulley_eccentricity_mm": self.u_pulley_eccentricity_mm, "pulley_radius_mm": self.pulley_radius_mm}
+            raise of_key("u_pulley_eccentricity_mm", message("error.is_more_than_half_of", **sizes))
         given = (("pulley_eccentricity_mm", self.pulley_eccentricity_mm or (0.0,)), ("swivel_offset_mm", (self.swivel_offset_mm or 0.0,)))
         for key, values in given:
             size = math.hypot(*values)
             if size > 0.5 * self.pulley_radius_mm:
-                raise of_key(
-                    key, message("error.is_more_than_half_of", u_pulley_eccentricity_mm=size, pulley_radius_mm=self.pulley_radius_mm)
-                )
+                sizes = {"u_pulley_eccentricity_mm": size, "pulley_radius_mm": self.pulley_radius_mm}
+                raise of_key(key, message("error.is_more_than_half_of", **sizes))
         return self
 
 

@@ -329,15 +329,8 @@ class Rig(Shown, Strict):
         """RigError unless the cables can tell a whole pose: six of them, or more where these are welcome, to attachment points that do not
         lie on one line."""
         if len(self.cable) < CABLES_FOR_A_POSE or (len(self.cable) > CABLES_FOR_A_POSE and not redundant):
-            raise RigError(
-                message(
-                    "error.rig_has_cables_a",
-                    name=self.name,
-                    n_cable=len(self.cable),
-                    value="at least" if redundant else "exactly",
-                    cables_for_a_pose=CABLES_FOR_A_POSE,
-                )
-            )
+            numbers = {"n_cable": len(self.cable), "value": "at least" if redundant else "exactly", "cables_for_a_pose": CABLES_FOR_A_POSE}
+            raise RigError(message("error.rig_has_cables_a", name=self.name, **numbers))
         self.require_spread()
 
     def require_spread(self) -> None:
@@ -401,10 +394,8 @@ def _references(data: Mapping[str, Any]) -> Iterator[tuple[Keys, str]]:
         if isinstance(channel, str) and channel in conventions.RESERVED_COLUMNS:
             yield ("cable", i, "channel"), message("error.is_another_column", channel=channel)
         if named_all and isinstance(start, str) and start not in points:
-            yield (
-                ("cable", i, "from"),
-                message("error.is_no_observation_point", name=start, known=", ".join(map(str, dict.fromkeys(points)))),
-            )
+            known = ", ".join(map(str, dict.fromkeys(points)))
+            yield ("cable", i, "from"), message("error.is_no_observation_point", name=start, known=known)
         if isinstance(end, str) and isinstance(tool, dict) and end not in tool:
             yield ("cable", i, "to"), message("error.is_no_point_of_tool", name=end, known=", ".join(tool))
         if isinstance(channel, str) and isinstance(passage, int) and not isinstance(passage, bool):

@@ -52,11 +52,8 @@ class Instrument(Protocol):
 
 @dataclass(frozen=True)
 class OwnParameter:
-    """A number of a sensor's table on which its reading depends.
-
-    key: its name in a calibration record, behind the channel's; stored, index: where rig.toml has it; place: where it is among the kernels'
-    `PARAMETERS`; stated: the key of its standard uncertainty.
-    """
+    """A number of a sensor's table on which its reading depends. key: its name in a calibration record, behind the channel's; stored,
+    index: where rig.toml has it; place: where it is among the kernels' `PARAMETERS`; stated: the key of its standard uncertainty."""
 
     key: str
     stored: str
@@ -225,9 +222,8 @@ class SensorTable(Strict):
             axes = "xyz" if size == 3 else "123456789"
             found += [(f"{base}_{axes[i]}{'_' if unit else ''}{unit}", key, i) for i in range(size)] if size else [(key, key, None)]
         if len(found) > len(kernels.OWN_PARAMETERS):
-            raise RigError(
-                message("error.its_reading_depends_on", kind=cls.kind, n_found=len(found), n_own_parameters=len(kernels.OWN_PARAMETERS))
-            )
+            numbers = {"n_found": len(found), "n_own_parameters": len(kernels.OWN_PARAMETERS)}
+            raise RigError(message("error.its_reading_depends_on", kind=cls.kind, **numbers))
         return tuple(OwnParameter(k, s, i, p, f"u_{s}") for (k, s, i), p in zip(found, kernels.OWN_PARAMETERS, strict=False))
 
     def solvable(self) -> tuple[OwnParameter, ...]:

@@ -78,9 +78,8 @@ class Swivel(AngleSensor):
         row[kernels.ANGLE_ZERO] = math.radians(self.zero_value)
         fill_point(rig, channel.from_point, row)
         row[kernels.ATTACHMENT_XYZ] = rig.tool[channel.to_point]
-        row[kernels.ECCENTRICITY], row[kernels.ECCENTRIC_PHASE] = (
-            math.radians(v or 0.0) for v in (self.eccentricity_deg, self.eccentricity_phase_deg)
-        )
+        row[kernels.ECCENTRICITY] = math.radians(self.eccentricity_deg or 0.0)
+        row[kernels.ECCENTRIC_PHASE] = math.radians(self.eccentricity_phase_deg or 0.0)
 
 
 def fill_point(rig: Instrument, point: str, row: FloatArray) -> None:
@@ -104,11 +103,8 @@ class Inclination(AngleSensor):
 
     def fill(self, rig: Instrument, channel: SensorChannel, row: FloatArray) -> None:
         """Write the kernels' row: the way up for the fixed point, the axis for the tool point."""
-        row[kernels.KIND], row[kernels.COUNT_LENGTH], row[kernels.TURN_COUNTS] = (
-            kernels.INCLINATION,
-            self.per_count,
-            self.counts_per_revolution,
-        )
+        row[kernels.KIND], row[kernels.COUNT_LENGTH] = kernels.INCLINATION, self.per_count
+        row[kernels.TURN_COUNTS] = self.counts_per_revolution
         row[kernels.ANGLE_ZERO] = math.radians(self.zero_value)
         row[kernels.BASE_XYZ] = [v / math.hypot(*self.up) for v in self.up]
         row[kernels.ATTACHMENT_XYZ] = [v / math.hypot(*self.axis) for v in self.axis]
@@ -129,9 +125,6 @@ class Distance(LengthSensor):
 
     def fill(self, rig: Instrument, channel: SensorChannel, row: FloatArray) -> None:
         """Write the kernels' row."""
-        row[kernels.KIND], row[kernels.COUNT_LENGTH], row[kernels.TURN_COUNTS] = (
-            kernels.DISTANCE,
-            self.per_count,
-            self.counts_per_revolution,
-        )
+        row[kernels.KIND], row[kernels.COUNT_LENGTH] = kernels.DISTANCE, self.per_count
+        row[kernels.TURN_COUNTS] = self.counts_per_revolution
         row[kernels.ANGLE_ZERO], row[kernels.BASE_XYZ], row[kernels.ATTACHMENT_XYZ] = self.zero_value, self.position_mm, rig.tool[self.to]

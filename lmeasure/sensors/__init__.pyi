@@ -1,28 +1,16 @@
 from .cable_effects import REFERENCE_C as REFERENCE_C, Effects as Effects, Zero as Zero, effects_of as effects_of, zero_at as zero_at
-from .cable_parameters import (
-    axial_travel as axial_travel,
-    cable_covariance as cable_covariance,
-    channel_names as channel_names,
-    further_solved as further_solved,
-    length_gradients_since as length_gradients_since,
-    solved_covariance as solved_covariance,
-    unsolved_dimensions as unsolved_dimensions,
-    width_of as width_of,
-)
 from .channels import Channels as Channels
-from .effect_laws import (
+from .imperfect_parts import (
     ATTACHMENT as ATTACHMENT,
     BACKLASH as BACKLASH,
     DIMENSIONS as DIMENSIONS,
     ECCENTRICITY as ECCENTRICITY,
     OFFSET as OFFSET,
     OTHERS as OTHERS,
-    RUN_OUT as RUN_OUT,
-)
-from .imperfect_parts import (
     PART_ECCENTRICITY as PART_ECCENTRICITY,
     PART_RUN_OUT as PART_RUN_OUT,
     PLAY as PLAY,
+    RUN_OUT as RUN_OUT,
     Parts as Parts,
     every_part as every_part,
     parts_of as parts_of,
@@ -56,10 +44,18 @@ from .sensor_kind import AngleSensor as AngleSensor, LengthSensor as LengthSenso
 from .stated_errors import (
     Unsolved as Unsolved,
     Variable as Variable,
+    axial_travel as axial_travel,
+    cable_covariance as cable_covariance,
+    channel_names as channel_names,
     free_lengths as free_lengths,
+    further_solved as further_solved,
     last_travel as last_travel,
+    length_gradients_since as length_gradients_since,
     of_record as of_record,
     phase_errors as phase_errors,
+    solved_covariance as solved_covariance,
     stated as stated,
+    unsolved_dimensions as unsolved_dimensions,
+    width_of as width_of,
 )
 from .wrap import arms as arms, drum_of as drum_of, guide as guide, span as span, span_rows as span_rows

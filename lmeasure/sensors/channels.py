@@ -8,9 +8,9 @@ import numpy as np
 from lmeasure.core import BoolArray, DataFrame, FloatArray, IntArray, Shown, covariance_root, framed
 from lmeasure.kernels import CABLE, KIND
 from lmeasure.rig import CalibrationRecord, Observed, Rig, parameter_names
-from lmeasure.sensors.cable_parameters import cable_covariance
 from lmeasure.sensors.lengths import count_variance, rounding_variance
 from lmeasure.sensors.rejected_samples import ARM_MM
+from lmeasure.sensors.stated_errors import cable_covariance
 
 
 @dataclass(frozen=True, repr=False)

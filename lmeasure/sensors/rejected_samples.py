@@ -71,10 +71,8 @@ def _speed(drum: Drum | SensorTable, rate: float) -> dict[str, Any]:
 
 def slack_samples(counts: FloatArray, time_s: FloatArray, limit: float, quantum: float) -> BoolArray:
     """(n,) where a cable does not follow, from its true counts (n,) at times (n,): it changed its speed faster than limit [1/s^2] allows,
-    beyond what counts rounded to a quantum can show, or stands between two such changes less than SLACK_S apart.
-
-    The change is taken over as many samples as make rounding smaller than the limit.
-    """
+    beyond what counts rounded to a quantum can show, or stands between two such changes less than SLACK_S apart. The change is taken over
+    as many samples as make rounding smaller than the limit."""
     n = len(counts)
     out = np.zeros(n, np.bool_)
     if n < 3:

@@ -1,5 +1,6 @@
-"""Errors that no calibration has solved: the stated uncertainties of drums, pulleys and attachment points, and what these does to lengths.
-The laws of these errors are in `sensors.effect_laws`."""
+"""Errors of cables' parameters: what a rig states of drums, pulleys and attachment points that no calibration has solved, what that does to
+lengths, and the covariance of a calibration's record. The laws of these errors are in `sensors.imperfect_parts`.
+"""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -8,10 +9,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, se3
-from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, last_travel as kernels_last_travel
-from lmeasure.rig import PHASED, TYPICAL_SIZES, Cable, CalibrationRecord, Observed, Rig, attachment_names
+from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, BY_AXIAL, PARAMETERS, last_travel as kernels_last_travel, length_gradients
+from lmeasure.rig import (
+    FURTHER,
+    FURTHER_KEYS,
+    PHASED,
+    TYPICAL_SIZES,
+    Cable,
+    CalibrationRecord,
+    Drum,
+    Observed,
+    Rig,
+    SensorChannel,
+    attachment_names,
+    further_names,
+    parameter_names,
+)
+from lmeasure.sensors import imperfect_parts as laws
 from lmeasure.sensors.cable_effects import Zero
-from lmeasure.sensors.effect_laws import ATTACHMENT, BACKLASH, ECCENTRICITY, FRICTION, OFFSET, OTHERS, RUN_OUT, STATED, Acted, CableEffect
 from lmeasure.sensors.wrap import Span, arms, spans
 from lmeasure.text import message
 
@@ -24,7 +39,7 @@ class Variable:
     """One independent error: its kind, the observation point or attachment point it belongs to, and its standard uncertainty in the unit
     of the kind's key. assumed: whether that is a typical size, as nobody stated it."""
 
-    kind: CableEffect
+    kind: laws.CableEffect
     owner: str
     u: float
     assumed: bool = False
@@ -37,16 +52,16 @@ class Variable:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of its components, those of a calibration's parameters where it could be one."""
-        if self.kind is ATTACHMENT:
+        if self.kind is laws.ATTACHMENT:
             return attachment_names(self.owner)
         key = self.kind.key.removeprefix("u_")
-        if self.kind not in (RUN_OUT, ECCENTRICITY):
+        if self.kind not in (laws.RUN_OUT, laws.ECCENTRICITY):
             return (f"{self.owner}.{key}",)
         return tuple(f"{self.owner}.{key.removesuffix('_mm')}_{component}_mm" for component in ("cos", "sin"))
 
 
 def stated(
-    rig: Rig, cables: tuple[Observed, ...] | None = None, solved: Iterable[str] = (), kinds: tuple[CableEffect, ...] = STATED
+    rig: Rig, cables: tuple[Observed, ...] | None = None, solved: Iterable[str] = (), kinds: tuple[laws.CableEffect, ...] = laws.STATED
 ) -> list[Variable]:
     """Return what the rig states to be uncertain, and the typical sizes of what it does not state; solved: names of a calibration's
     parameters, which are not counted again."""
@@ -55,17 +70,17 @@ def stated(
     return [v for v in every if v.u]
 
 
-def variable(rig: Rig, kind: CableEffect, owner: str) -> Variable:
+def variable(rig: Rig, kind: laws.CableEffect, owner: str) -> Variable:
     """Return the error of one part as the rig states it, or of a typical size."""
     u = _stated(rig, kind, owner)
     return Variable(kind, owner, _typical(rig, kind, owner) if u is None else u, assumed=u is None)
 
 
-def _typical(rig: Rig, kind: CableEffect, owner: str) -> float:
+def _typical(rig: Rig, kind: laws.CableEffect, owner: str) -> float:
     """The typical size of what a rig does not state; 0 where it says that this is exact, or the point has no such part."""
     if kind.key not in TYPICAL_SIZES:
         return 0.0
-    if kind in (ECCENTRICITY, OFFSET):
+    if kind in (laws.ECCENTRICITY, laws.OFFSET):
         return min(rig.typical(kind.key), 0.5 * rig.point(owner).pulley_radius_mm)
     return rig.typical(kind.key, 1.0 if kind.of is None else float(getattr(rig.point(owner).drum, kind.of)))
 
@@ -73,35 +88,35 @@ def _typical(rig: Rig, kind: CableEffect, owner: str) -> float:
 def of_record(rig: Rig, record: CalibrationRecord | None) -> list[Variable]:
     """Return what of drums and pulleys a rig states to be uncertain and its calibration has not solved, and what is left of what it has."""
     if record is None:
-        return stated(rig, kinds=OTHERS)
+        return stated(rig, kinds=laws.OTHERS)
     u = {p.name: p.u for p in record.parameters} | {d.name: d.u for d in record.dimensions}
-    every = [Variable(kind, owner, 1.0) for kind, owner in _places(rig, None, OTHERS)]
-    solved = [v for v in every if v.names[0] in u and v.kind is not FRICTION]
+    every = [Variable(kind, owner, 1.0) for kind, owner in _places(rig, None, laws.OTHERS)]
+    solved = [v for v in every if v.names[0] in u and v.kind is not laws.FRICTION]
     left = [Variable(v.kind, v.owner, math.sqrt(sum(u[n] ** 2 for n in v.names) / len(v.names))) for v in solved]
-    return [*stated(rig, None, record.names, OTHERS), *left]
+    return [*stated(rig, None, record.names, laws.OTHERS), *left]
 
 
-def _places(rig: Rig, cables: tuple[Observed, ...] | None, kinds: tuple[CableEffect, ...]) -> Iterator[tuple[CableEffect, str]]:
+def _places(rig: Rig, cables: tuple[Observed, ...] | None, kinds: tuple[laws.CableEffect, ...]) -> Iterator[tuple[laws.CableEffect, str]]:
     chosen = rig.cable if cables is None else cables
     points = dict.fromkeys(c.to_point for c in chosen if c.to_point)
     drums = dict.fromkeys(c.from_point for c in chosen if c.is_cable)
     for kind in kinds:
-        yield from ((kind, name) for name in (points if kind is ATTACHMENT else drums))
+        yield from ((kind, name) for name in (points if kind is laws.ATTACHMENT else drums))
 
 
-def _stated(rig: Rig, kind: CableEffect, owner: str) -> float | None:
-    if kind is ATTACHMENT:
+def _stated(rig: Rig, kind: laws.CableEffect, owner: str) -> float | None:
+    if kind is laws.ATTACHMENT:
         return rig.u_attachment_mm
     point = rig.point(owner)
-    value: float | None = getattr(point if kind in (ECCENTRICITY, OFFSET) else point.drum, kind.key)
+    value: float | None = getattr(point if kind in (laws.ECCENTRICITY, laws.OFFSET) else point.drum, kind.key)
     return value
 
 
-def _solved(kind: CableEffect, owner: str, known: set[str]) -> bool:
-    if kind is ATTACHMENT:
+def _solved(kind: laws.CableEffect, owner: str, known: set[str]) -> bool:
+    if kind is laws.ATTACHMENT:
         return attachment_names(owner)[0] in known
     # friction along a cable obeys the law of play
-    key = "backlash_counts" if kind is FRICTION else kind.key.removeprefix("u_")
+    key = "backlash_counts" if kind is laws.FRICTION else kind.key.removeprefix("u_")
     return any(f"{owner}.{name}" in known for name in (kind.parameter, key, f"{key.removesuffix('_mm')}_cos_mm"))
 
 
@@ -124,7 +139,7 @@ def phase_errors(rig: Rig, solved: Iterable[str], start: FloatArray) -> list[Var
             off = run_out + pulley if abs(length - p.phase_length_mm) > SAME_MM else 0.0
             of_drum = math.tau * off / (p.drum.counts_per_revolution * p.drum.count_length_mm)
             of_pulley = off / p.pulley_radius_mm if p.pulley_radius_mm else 0.0
-        out += [Variable(kind, p.name, u) for kind, u in ((RUN_OUT, run_out * of_drum), (ECCENTRICITY, pulley * of_pulley)) if u]
+        out += [Variable(kind, p.name, u) for kind, u in ((laws.RUN_OUT, run_out * of_drum), (laws.ECCENTRICITY, pulley * of_pulley)) if u]
     return out
 
 
@@ -134,14 +149,14 @@ class Unsolved:
     def __init__(self, rig: Rig, variables: Iterable[Variable], cables: tuple[Cable, ...] | None = None) -> None:
         self._cables = rig.cable if cables is None else cables
         chosen = list(variables)
-        self.variables = [v for v in chosen if v.kind not in (BACKLASH, FRICTION)]
+        self.variables = [v for v in chosen if v.kind not in (laws.BACKLASH, laws.FRICTION)]
         self.names = tuple(name for v in self.variables for name in v.names)
         self.sources = tuple(v.kind.said for v in self.variables for _ in v.names)
         self.assumed = tuple(v.typical for v in self.variables for _ in v.names)
         """Which typical size each column of `shifts` is, empty of what is stated."""
-        played = [v for v in chosen if v.kind in (BACKLASH, FRICTION)]
+        played = [v for v in chosen if v.kind in (laws.BACKLASH, laws.FRICTION)]
         # as they obey one law they are one variable: of what is stated, and of what is assumed
-        self._plays = [(FRICTION.key if assumed else "", self._band(rig, played, assumed)) for assumed in (False, True)]
+        self._plays = [(laws.FRICTION.key if assumed else "", self._band(rig, played, assumed)) for assumed in (False, True)]
         self._plays = [(key, band) for key, band in self._plays if band.any()]
         self.play_mm = np.sqrt(sum((band**2 for _, band in self._plays), start=np.zeros(len(self._cables))))
         """(m,) half the width of the band, one standard uncertainty of it [mm]."""
@@ -207,8 +222,8 @@ class Unsolved:
             assert v.kind.adds is not None
             width = len(v.names)
             for j, c in enumerate(self._cables):
-                if v.owner == (c.to_point if v.kind is ATTACHMENT else c.from_point):
-                    at = Acted(rows[j], turns, counts[known, j], Span(*(values[:, j] for values in every)))
+                if v.owner == (c.to_point if v.kind is laws.ATTACHMENT else c.from_point):
+                    at = laws.Acted(rows[j], turns, counts[known, j], Span(*(values[:, j] for values in every)))
                     out[known, j, column : column + width] = v.u * v.kind.adds(at)
             column += width
         # what a length does not depend on is no error of it, but a sample without a pose or a count has none
@@ -231,3 +246,122 @@ def last_travel(counts: FloatArray, quantum: FloatArray, state: FloatArray | Non
     """
     state = np.zeros((counts.shape[1], 2)) if state is None else state
     return np.asarray(kernels_last_travel(np.ascontiguousarray(counts), BAND * quantum, state))
+
+
+def further_solved(record: CalibrationRecord | None) -> bool:
+    """Whether a calibration solved any of `parameters.FURTHER`, which the kernels do not know."""
+    return record is not None and any(name.rpartition(".")[2] in FURTHER_KEYS for name in record.names)
+
+
+def channel_names(rig: Rig, cables: tuple[Observed, ...] | None = None, *, wide: bool = False) -> list[list[str]]:
+    """Return each channel's names in the record, of the kernels' 13 parameters; wide: and of the 7 of `parameters.FURTHER` behind them."""
+    names = parameter_names(rig, cables)
+    return [own + more for own, more in zip(names, further_names(rig, cables), strict=True)] if wide else names
+
+
+def width_of(*, wide: bool) -> int:
+    """Return how many these are."""
+    return len(PARAMETERS) + (len(FURTHER) if wide else 0)
+
+
+def length_gradients_since(
+    rig: Rig, cables: tuple[Cable, ...], zero: FloatArray, poses: FloatArray, *, counts: FloatArray, wide: bool = False
+) -> FloatArray:
+    """(n, m, 13) derivatives of the modelled less the measured changes of cables since a pose (7,) by their parameters, at (n, 7) poses and
+    true counts (n, m); wide: as `channel_names` has it, (n, m, 20)."""
+    rows, scales, m = rig.cable_rows(cables), rig.scales(cables), len(cables)
+    begun = length_gradients(rows, np.array([zero]), np.zeros((1, m)), scales)
+    out = length_gradients(rows, np.ascontiguousarray(poses), counts, scales) - begun
+    if not wide:
+        return np.asarray(out)
+    of_parts = laws.every_part(rig, cables).gradient(rows, (np.tile(zero, (m, 1)), np.zeros(m)), poses, counts)
+    return np.concatenate([out, of_parts], axis=2)
+
+
+def cable_covariance(
+    rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...] | None = None, *, wide: bool = False
+) -> FloatArray:
+    """(13 m, 13 m) covariance of the cables' parameters, mm and rad, in the kernels' order: of the record, and of dimensions that the rig
+    states to be uncertain (`unsolved_dimensions`); zero where there is neither. wide: as `channel_names` has it, 20 for each."""
+    rest, columns = solved_covariance(rig, record, cables, wide=wide), unsolved_dimensions(rig, record, cables, wide=wide)[0]
+    return rest + columns @ columns.T if columns.shape[1] else rest
+
+
+def solved_covariance(
+    rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...] | None = None, *, wide: bool = False
+) -> FloatArray:
+    """(13 m, 13 m) covariance of the cables' parameters by what the calibration solved, less what is of `unsolved_dimensions`."""
+    m = len(rig.cable if cables is None else cables)
+    if record is None:
+        return np.zeros((m * width_of(wide=wide),) * 2)
+    names = channel_names(rig, cables, wide=wide)
+    covariance = record.cable_covariance(names)
+    if not record.dimensions:
+        return covariance
+    followed = record.dimension_columns(names)[1]
+    return np.asarray(covariance - followed @ followed.T)
+
+
+def unsolved_dimensions(
+    rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...] | None = None, *, wide: bool = False
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """(13 m, s) errors of the cables' parameters, in the kernels' order, by independent variables of unit variance: of the dimensions that
+    the rig states to be uncertain and the record has not solved, and of the parameters that a calibration fitted with them; (s,) which
+    typical size each is, empty of what is stated or calibrated.
+
+    What a record says of a dimension counts, and not the rig, whose statement was the calibration's prior.
+    """
+    chosen = rig.cable if cables is None else cables
+    names = channel_names(rig, chosen, wide=wide)
+    known = () if record is None else record.dimensions
+    solved = () if record is None else record.names
+    variables = stated(rig, chosen, solved, laws.DIMENSIONS)
+    size = {n: v.u for v in variables for n in v.names}
+    assumed = {n: v.typical for v in variables for n in v.names}
+    # zeros of sensors are sources of their own, which a run may tell
+    for sensor in {c.channel: c.table for c in chosen if isinstance(c, SensorChannel)}.values():
+        own = {f"{sensor.channel}.{p.key}": sensor.u(p) * p.factor for p in sensor.solvable() if p.key != sensor.zero}
+        size |= {name: u for name, u in own.items() if u and name not in solved}
+    zeroed = _zeroed_elsewhere(rig, record, chosen, len(names[0]))
+    columns = np.column_stack([_selected(rig, chosen, names, tuple(size)) * np.array(list(size.values())), zeroed])
+    keys = tuple(assumed.get(name, "") for name in size) + ("zero_length_mm",) * zeroed.shape[1]
+    if record is None or not known:
+        return columns, keys
+    of_dimensions, followed = record.dimension_columns(names)
+    calibrated = _selected(rig, chosen, names, tuple(d.name for d in known)) @ of_dimensions + followed
+    return np.column_stack([calibrated, columns]), ("",) * calibrated.shape[1] + keys
+
+
+def _zeroed_elsewhere(rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...], width: int) -> FloatArray:
+    """(13 m, s) errors of axial offsets, a variable for each drum whose counters were zeroed at other lengths than in the calibration.
+    Nobody stated at which lengths the offsets hold. They are taken to hold where the counters are zeroed, as if the drum was turned back.
+    The travel of a drum that was not is the standard uncertainty."""
+    travel = {} if record is None or rig.unstated == "exact" else axial_travel(rig, record)
+    drums = list(dict.fromkeys(c.from_point for c in cables if travel.get(c.name)))
+    out = np.zeros((len(cables), width, len(drums)))
+    for j, c in enumerate(cables):
+        if travel.get(c.name):
+            out[j, BY_AXIAL, drums.index(c.from_point)] = travel[c.name]
+    return out.reshape(len(cables) * width, len(drums))
+
+
+def axial_travel(rig: Rig, record: CalibrationRecord) -> dict[str, float]:
+    """Travel [mm] of each cable's pay-out point from where the calibration zeroed its counter to where it was zeroed now, empty of cables
+    that state `zero_length_mm` or were zeroed at the same length."""
+    counts = rig.paid_out_since(record.zero_length_mm).tolist()
+    every = [(c.name, k, rig.point(c.from_point).drum) for c, k in zip(rig.cable, counts, strict=True)]
+    return {name: k * drum.axial_per_count_mm for name, k, drum in every if abs(k) * drum.per_count >= SAME_MM}
+
+
+def _selected(rig: Rig, cables: tuple[Observed, ...], names: list[list[str]], dimensions: tuple[str, ...]) -> FloatArray:
+    """(13 m, s) the kernels' parameters by these dimensions of the rig."""
+    out = np.zeros((len(cables), len(names[0]), len(dimensions)))
+    for j, c in enumerate(cables):
+        drum = rig.counter(c)
+        for s, name in enumerate(dimensions):
+            if isinstance(drum, Drum) and name == f"{c.from_point}.count_length_mm":
+                # a longer count is a recorded count that stands for more: f changes by k c/scale and by -k
+                out[j, PARAMETERS.index("scale"), s] = -drum.scale / drum.count_length_mm
+            elif name in names[j]:
+                out[j, names[j].index(name), s] = 1.0
+    return out.reshape(len(cables) * len(names[0]), len(dimensions))

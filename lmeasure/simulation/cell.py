@@ -1,6 +1,7 @@
 """A simulated cell: six drums around a robot, placed so that all of its work space is well measured."""
 
 import math
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -68,26 +69,19 @@ def cell_rig(seed: int = 0) -> Rig:
         f"P{i}": (TOOL_RADIUS_MM * math.cos(math.radians(a)), TOOL_RADIUS_MM * math.sin(math.radians(a)), 0.0)
         for i, a in enumerate(TOOL_AZIMUTH_DEG, 1)
     }
-    cables = tuple(
-        Cable(name=f"c{i}", channel=f"ch{i}", from_point=f"B{i}", to_point=f"P{(i + 1) // 2}") for i in range(1, len(points) + 1)
-    )
+    ends = [(i, f"B{i}", f"P{(i + 1) // 2}") for i in range(1, len(points) + 1)]
+    cables = tuple(Cable(name=f"c{i}", channel=f"ch{i}", from_point=first, to_point=last) for i, first, last in ends)
     return Rig(name=f"simulated cell {seed}", unstated="exact", observation_point=points, tool=tool, cable=cables)
 
 
 def _observation_point(name: str, place: tuple[float, float, float], rng: np.random.Generator) -> ObservationPoint:
     """Mounted within 20 mm of its place, its drum outside and below, so that the cable comes up and over the pulley."""
     x, y, z = place + rng.uniform(-20.0, 20.0, 3)
-    return ObservationPoint(
-        name=name,
-        position_mm=(x, y, z),
-        guide_alpha_deg=rng.uniform(45.0, 60.0),
-        guide_beta_deg=math.degrees(math.atan2(x, y)) + rng.uniform(-5.0, 5.0),
-        pulley_radius_mm=rng.uniform(12.0, 30.0),
-        drum=Drum(
-            counts_per_revolution=6000,
-            count_length_mm=0.012,
-            groove_pitch_mm=rng.uniform(0.8, 1.6),
-            tangent_length_mm=rng.uniform(130.0, 240.0),
-            axial_offset_mm=rng.uniform(20.0, 30.0),
-        ),
-    )
+    guide: dict[str, Any] = {
+        "guide_alpha_deg": rng.uniform(45.0, 60.0),
+        "guide_beta_deg": math.degrees(math.atan2(x, y)) + rng.uniform(-5.0, 5.0),
+    }
+    radius, pitch, tangent, axial = (rng.uniform(*within) for within in ((12.0, 30.0), (0.8, 1.6), (130.0, 240.0), (20.0, 30.0)))
+    geometry: dict[str, Any] = {"groove_pitch_mm": pitch, "tangent_length_mm": tangent, "axial_offset_mm": axial}
+    drum = Drum(counts_per_revolution=6000, count_length_mm=0.012, **geometry)
+    return ObservationPoint(name=name, position_mm=(x, y, z), **guide, pulley_radius_mm=radius, drum=drum)

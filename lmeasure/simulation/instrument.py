@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -67,9 +68,8 @@ def simulate_run(
         scatter = np.array(noise)
         noisy = true + rng.normal(0.0, 1.0, true.shape) * scatter if scatter.any() else true
         recorded = recorded_from_counts(rig, noisy, cables, phase[[c.passage == number for c in rig.observed]])
-        passes.append(
-            Counts(time_s, tuple(c.channel for c in cables), recorded, source=f"simulated pass {number}", temperature_c=temperature_c)
-        )
+        names = tuple(c.channel for c in cables)
+        passes.append(Counts(time_s, names, recorded, source=f"simulated pass {number}", temperature_c=temperature_c))
     return SimulatedRun(Run(rig, start, tuple(passes), temperature_c=warm, unstated="exact"), poses)
 
 
@@ -81,23 +81,10 @@ def simulate_campaign(
     centre: FloatArray,
     half_mm: tuple[float, float, float],
     tilt_rad: float,
-    u_position_mm: float = 0.0,
-    u_rotation_rad: float = 0.0,
-    nominal_shift_mm: float = 0.0,
-    nominal_shift_deg: float = 0.0,
-    temperature_c: FloatArray | None = None,
+    **errors: Any,
 ) -> SimulatedCampaign:
-    """`campaign_at` scattered poses: so many, about a centre, within half_mm of it and tilts up to tilt_rad."""
-    return campaign_at(
-        rig,
-        scattered_poses(count, half_mm, tilt_rad, centre, rng=rng),
-        rng,
-        u_position_mm=u_position_mm,
-        u_rotation_rad=u_rotation_rad,
-        nominal_shift_mm=nominal_shift_mm,
-        nominal_shift_deg=nominal_shift_deg,
-        temperature_c=temperature_c,
-    )
+    """`campaign_at` scattered poses: so many, about a centre, within half_mm of it and tilts up to tilt_rad; errors: as there, by name."""
+    return campaign_at(rig, scattered_poses(count, half_mm, tilt_rad, centre, rng=rng), rng, **errors)
 
 
 def campaign_at(

@@ -106,10 +106,8 @@ class _Machine:
             slanted = np.hypot(self.tangent, self.axial + self.pitch * at_phase / TURN) - np.hypot(self.tangent, self.axial)
             at_phase = (slanted - since) / self.drawn_per_rad
         angle = turned - at_phase
-        x, y = (
-            self.run_out[0] * np.cos(angle) + self.run_out[1] * np.sin(angle),
-            self.run_out[1] * np.cos(angle) - self.run_out[0] * np.sin(angle),
-        )
+        (a, b), c, s = self.run_out, np.cos(angle), np.sin(angle)
+        x, y = a * c + b * s, b * c - a * s
         right, up = self.tangent - x, self.disc - y
         far = np.hypot(right, up)
         touch = np.arctan2(right, up) - np.arccos(self.disc / far)

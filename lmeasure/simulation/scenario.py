@@ -250,30 +250,14 @@ def simulate(scenario: Scenario, rig: Rig, went: tuple[FloatArray, FloatArray] |
         raise FileFormatError(message("error.scenario_its_robot_moves"))
     if scenario.waypoint or went is not None:
         time_s, poses = smooth_path(scenario.start_pose, scenario.legs(), scenario.rate_hz) if went is None else went
-        run = simulate_run(
-            rig,
-            time_s,
-            poses,
-            noise_mm=scenario.noise_mm,
-            rng=rng,
-            temperature_c=scenario.temperatures(len(time_s)),
-            noise_deg=scenario.noise_deg,
-        )
+        noise = {"noise_mm": scenario.noise_mm, "noise_deg": scenario.noise_deg}
+        run = simulate_run(rig, time_s, poses, rng=rng, temperature_c=scenario.temperatures(len(time_s)), **noise)
     if scenario.reference_poses is not None:
         asked = scenario.reference_poses
-        campaign = simulate_campaign(
-            rig,
-            asked.count,
-            rng,
-            centre=scenario.start_pose,
-            half_mm=asked.half_mm,
-            tilt_rad=asked.tilt_rad,
-            u_position_mm=asked.u_position_mm,
-            u_rotation_rad=math.radians(asked.u_rotation_deg),
-            nominal_shift_mm=asked.nominal_shift_mm,
-            nominal_shift_deg=asked.nominal_shift_deg,
-            temperature_c=scenario.temperatures(asked.count),
-        )
+        errors: dict[str, Any] = {"u_position_mm": asked.u_position_mm, "u_rotation_rad": math.radians(asked.u_rotation_deg)}
+        errors |= {"nominal_shift_mm": asked.nominal_shift_mm, "nominal_shift_deg": asked.nominal_shift_deg}
+        errors |= {"half_mm": asked.half_mm, "tilt_rad": asked.tilt_rad, "temperature_c": scenario.temperatures(asked.count)}
+        campaign = simulate_campaign(rig, asked.count, rng, centre=scenario.start_pose, **errors)
     if scenario.unstated == "exact":
         return Simulated(run, campaign)
     return Simulated(

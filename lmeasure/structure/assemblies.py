@@ -25,10 +25,8 @@ IMPROVED = 10  # steps of least squares
 @dataclass(frozen=True)
 class Found:
     """poses (k, 7) base_from_platform; certified (k,): proved to be exactly one assembly; misses_mm (k,): largest |length - given|.
-
     complex_found of complex_expected: as `straight.Assemblies`, of the six links that were solved; None of cables that are wrapped.
-    next_misses_mm: how far the best of those misses that fit six links but not the others; infinite where there is none.
-    """
+    next_misses_mm: how far the best of those misses that fit six links but not the others; infinite where there is none."""
 
     poses: FloatArray
     certified: BoolArray

@@ -65,19 +65,16 @@ def tetrahedra_of(linkage: Linkage, found: Incidence) -> tuple[list[Tetrahedron]
 
 
 def designed(linkage: Linkage, pose: FloatArray | None = None) -> Design:
-    """Limits of the links within those given at which nothing is singular, and everything can be assembled.
-
-    pose (7,): of the assembly that is meant. StructureError where the links have no limits, none are found, or a pose is needed.
-    """
+    """Limits of the links within those given at which nothing is singular, and everything can be assembled. pose (7,): of the assembly that
+    is meant. StructureError where the links have no limits, none are found, or a pose is needed."""
     if linkage.limits is None:
         raise StructureError(message("error.design_the_links_have"))
     if len(linkage.base) != LINKS:
         raise StructureError(message("error.design_has_links_limits", n_base=len(linkage.base)))
     found = incidence(linkage.base, linkage.platform)
     if found.structure.degenerate is not None:
-        raise StructureError(
-            message("error.design_is_singular_at", notation=found.structure.notation, degenerate=found.structure.degenerate)
-        )
+        of = {"notation": found.structure.notation, "degenerate": found.structure.degenerate}
+        raise StructureError(message("error.design_is_singular_at", **of))
     if not linkage.straight:
         raise StructureError(message("error.design_takes_no_such_rods"))
     corners, sides = tetrahedra_of(linkage, found)

@@ -193,9 +193,8 @@ def read_linkage(path: Path) -> Linkage:
         found = _of_file(data, path)
     m = len(found.base)
     if not LINKS <= m <= MOST_LINKS:
-        raise FileFormatError(
-            message("error.has_a_pose_needs", where=path, m=m, value="link" if m == 1 else "links", links=LINKS, most_links=MOST_LINKS)
-        )
+        numbers = {"m": m, "value": "link" if m == 1 else "links", "links": LINKS, "most_links": MOST_LINKS}
+        raise FileFormatError(message("error.has_a_pose_needs", where=path, **numbers))
     return found
 
 
@@ -220,15 +219,10 @@ def _of_file(data: dict[str, Any], path: Path) -> Linkage:
         raise FileFormatError(message("error.rods_go_with_six_links", where=path, n=len(ends)))
     joined = RodLinks(ends)
     base, platform = joined.bodies
-    return Linkage(
-        base,
-        platform,
-        [(f"link {i}", link.from_point, link.to_point) for i, link in enumerate(table.link, 1)],
-        _all_or_none([link.length_mm for link in table.link], "length_mm", path),
-        _all_or_none([link.limits_mm for link in table.link], "limits_mm", path),
-        rods=joined if rods else None,
-        hooke=_hooke(table, path),
-    )
+    links = [(f"link {i}", link.from_point, link.to_point) for i, link in enumerate(table.link, 1)]
+    lengths = _all_or_none([link.length_mm for link in table.link], "length_mm", path)
+    limits = _all_or_none([link.limits_mm for link in table.link], "limits_mm", path)
+    return Linkage(base, platform, links, lengths, limits, rods=joined if rods else None, hooke=_hooke(table, path))
 
 
 def _rods(table: StructureFile, path: Path) -> dict[str, End]:

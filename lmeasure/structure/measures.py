@@ -129,10 +129,8 @@ def at_pose(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
 
 
 def at_singular(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
-    """Return what `lmeasure structure --singular` writes of the singular pose nearest to a pose (7,): straight links, six of them.
-
-    StructureError where there is none near it, or more links than six.
-    """
+    """What `lmeasure structure --singular` writes of the singular pose nearest to a pose (7,): straight links, six of them. StructureError
+    where there is none near it, or more links than six."""
     base, platform, rods = linkage.base, linkage.platform, linkage.rods
     if len(base) != linkages.LINKS:
         raise StructureError(message("error.singular_has_links_singular", n_base=len(base)))
@@ -243,13 +241,8 @@ def along(linkage: Linkage, pose: FloatArray, to: FloatArray) -> dict[str, Any]:
     found = held(linkage, poses)
     sign = np.sign(found.determinant)
     crossings = np.flatnonzero(sign[1:] * sign[:-1] < 0.0)
-    columns = {
-        "determinant": found.determinant,
-        "condition": found.condition,
-        "mm_per_mm": found.mm_per_mm,
-        "u95_mm_per_mm": found.u95_mm,
-        "worst_pressure_angle_deg": found.worst_angle_deg,
-    }
+    columns = {"determinant": found.determinant, "condition": found.condition, "mm_per_mm": found.mm_per_mm}
+    columns |= {"u95_mm_per_mm": found.u95_mm, "worst_pressure_angle_deg": found.worst_angle_deg}
     return {
         "share": share.tolist(),
         "position_mm": poses[:, :3].tolist(),

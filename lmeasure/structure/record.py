@@ -105,12 +105,8 @@ def _boundary(linkage: Linkage, pose: FloatArray, asked: Workspace) -> dict[str,
     axis = "xyz".index(next(x for x in "xyz" if x not in asked.plane))
     reach = window_mm(linkage, pose) if asked.reach_mm is None else asked.reach_mm
     pieces, said = slices(bounds, pose, asked.plane, asked.levels or (float(pose[axis]),), reach_mm=reach)
-    return {
-        "plane": asked.plane,
-        "reach_mm": reach,
-        "slices": [piece.as_dict() for piece in pieces],
-        "lines": [*(piece.line("xyz"[axis]) for piece in pieces), *said],
-    }
+    lines = [*(piece.line("xyz"[axis]) for piece in pieces), *said]
+    return {"plane": asked.plane, "reach_mm": reach, "slices": [piece.as_dict() for piece in pieces], "lines": lines}
 
 
 def _away(linkage: Linkage, pose: FloatArray) -> float:

@@ -140,11 +140,9 @@ def _piece(bounds: Bounds, plane: Slice, found: Boundary, level: float) -> Piece
 
 
 class _Reached:
-    """Places of a grid that a straight line, or several one after the other, lead to from a pose within the limits.
-
-    Cells that a singular pose parts have the same sign of the determinant where an even number of its sheets lies between them, so the sign
-    alone does not say whether a place is of the workspace.
-    """
+    """Places of a grid that a straight line, or several one after the other, lead to from a pose within the limits. Cells that a singular
+    pose parts have the same sign of the determinant where an even number of its sheets lies between them, so the sign alone does not say
+    whether a place is of the workspace."""
 
     def __init__(self, bounds: Bounds, plane: Slice, axis: int) -> None:
         """plane: the slice of the pose; axis: that of the levels."""

@@ -198,10 +198,7 @@ def list_lines(records: list[dict[str, Any]]) -> list[str]:
         how = r["degenerate_reason"] or message("structure.closed_form" if r["closed_form"] else "structure.homotopy")
         values = {"notation": r["notation"], "koliskor": r["koliskor"], "number": r["complex_assemblies"]}
         own = r["variants"]
-        more = (
-            message("structure.variants", moved=tuple(own["drives_moved"]), rods=tuple(own["rods"]), bent=tuple(own["bent_rods"]))
-            if own
-            else ""
-        )
+        variants = {} if not own else {"moved": tuple(own["drives_moved"]), "rods": tuple(own["rods"]), "bent": tuple(own["bent_rods"])}
+        more = message("structure.variants", **variants) if variants else ""
         lines.append(composed("{notation:<32} {koliskor}  {number:>2}  {how}{more}", how=how, more=more, **values))
     return lines

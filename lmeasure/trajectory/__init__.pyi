@@ -2,9 +2,14 @@ from .curve.curve import Curve as Curve, Instants as Instants, motion_of_curve a
 from .curve.curve_errors import ErrorsOfCurve as ErrorsOfCurve, finer_trajectory as finer_trajectory
 from .curve.fit import reconstruct_curve as reconstruct_curve
 from .faults.consistency import collect_epochs as collect_epochs
-from .faults.detectable_sizes import proposed_returns as proposed_returns
 from .faults.doubts import shifted as shifted
-from .faults.redundancy import Epochs as Epochs, Faults as Faults, Redundancy as Redundancy, faults_shown as faults_shown
+from .faults.redundancy import (
+    Epochs as Epochs,
+    Faults as Faults,
+    Redundancy as Redundancy,
+    faults_shown as faults_shown,
+    proposed_returns as proposed_returns,
+)
 from .faults.rest_evidence import SUSPECTED as SUSPECTED
 from .faults.rests import SETTLED as SETTLED, VISIT_LAG_S as VISIT_LAG_S, RestFinder as RestFinder
 from .files.foreign_trajectory import Stated as Stated, kind_of as kind_of, read_trajectory as read_trajectory

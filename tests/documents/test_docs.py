@@ -23,7 +23,7 @@ import pytest
 from lmeasure.cli.app import main
 from lmeasure.cli.commands import command as command_of
 from lmeasure.kernels import lanes, screw
-from lmeasure.trajectory.faults import consistency, continuity, detectable_sizes, rest_evidence, rests
+from lmeasure.trajectory.faults import consistency, continuity, redundancy, rest_evidence, rests
 from lmeasure.trajectory.reconstruction import screw_method
 from lmeasure.workflows import COMMANDS
 
@@ -166,7 +166,7 @@ CONSTANTS = {
         f"no length moves by more than {rests.STILL_MM:g} mm in {rests.VISIT_LAG_S:g} s, for {rests.LEAST_S:g} s",
         f"all cables but one agree within {rests.NEAR_MM:g} mm",
         f"({rest_evidence.SIGNIFICANCE:.0e} per run, shared by all channels and moments)",
-        f"by more than {detectable_sizes.CLOSED_COUNTS:g} counts, {detectable_sizes.CLOSED_MM:g} mm and",
+        f"by more than {redundancy.CLOSED_COUNTS:g} counts, {redundancy.CLOSED_MM:g} mm and",
     ],
 }
 

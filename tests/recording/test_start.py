@@ -15,8 +15,7 @@ from lmeasure.sensors import lengths_from_counts, span_lengths, span_rows
 from lmeasure.structure import linkage_of
 from lmeasure.structure.measures import along
 from lmeasure.trajectory import RunModel, covariances, reconstruct, reconstruction_of
-from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo
-from lmeasure.trajectory.reconstruction.screw_method import other_near
+from lmeasure.trajectory.reconstruction.screw_method import by_monte_carlo, other_near
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
 

@@ -13,7 +13,7 @@ from lmeasure.kernels import layout
 from lmeasure.recording import poses_from_rows
 from lmeasure.rig import GROUPS, Rig, rig_from_dict, solved_parameters, value_of, with_values
 from lmeasure.sensors import ECCENTRICITY, OFFSET, RUN_OUT, Parts, arms, counts_from_poses, phased
-from lmeasure.sensors.effect_laws import OVERSIZE, Acted, thicker
+from lmeasure.sensors.imperfect_parts import OVERSIZE, Acted, thicker
 from lmeasure.sensors.wrap import Span, spans
 from lmeasure.simulation import cell_rig, reference_poses
 from lmeasure.simulation.machine import machine_counts, with_play

@@ -11,7 +11,7 @@ from lmeasure.core import FloatArray, se3
 from lmeasure.kernels import layout
 from lmeasure.rig import kernel_values, with_kernel_values, with_values
 from lmeasure.sensors import PLAY, Parts, every_part, parts_of, phased
-from lmeasure.sensors.imperfect_parts import OVERSIZE
+from lmeasure.sensors.imperfect_parts import PART_OVERSIZE
 from lmeasure.simulation import Leg, cell_rig, reference_poses, simulate_run, smooth_path
 from lmeasure.trajectory import reconstruct
 
@@ -197,7 +197,7 @@ def test_parts_are_read_for_the_cables_that_are_asked_for() -> None:
     assert some.values[:, 1].tolist() == [0.0, 0.03]
     assert some.scales[0] == 1.5
     assert np.isfinite(some.phase_mm).tolist() == [False, True]
-    np.testing.assert_array_equal(every_part(rig, two).values[:, OVERSIZE], 0.0)
+    np.testing.assert_array_equal(every_part(rig, two).values[:, PART_OVERSIZE], 0.0)
 
 
 def test_samples_without_a_pose_do_not_stop_a_run_of_untrue_parts() -> None:

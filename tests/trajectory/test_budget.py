@@ -18,7 +18,7 @@ from lmeasure.recording import Run, read_run, write_run
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.sensors import counts_from_poses, lengths_from_counts
 from lmeasure.trajectory import Budget, RunModel, read_trajectory, reconstruct, reconstruction_of, write_trajectory
-from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo
+from lmeasure.trajectory.reconstruction.screw_method import by_monte_carlo
 from lmeasure.trajectory.uncertainty.sources import PassClock
 
 TRIALS = 200  # a standard deviation of as many draws is known to 5 %

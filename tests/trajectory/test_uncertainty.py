@@ -11,7 +11,7 @@ from lmeasure.recording import Counts, Run
 from lmeasure.rig import CalibrationRecord, Rig, parameter_names, rig_from_dict
 from lmeasure.sensors import lengths_from_counts
 from lmeasure.trajectory import RunModel, reconstruct, reconstruction_of
-from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo, moved_rows
+from lmeasure.trajectory.reconstruction.screw_method import by_monte_carlo, moved_rows
 
 TRIALS = 600
 SAMPLES = (0, 700, 1500, 2999)

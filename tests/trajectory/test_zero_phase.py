@@ -22,7 +22,7 @@ from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
 from lmeasure.sensors import count_variance, counts_from_poses, drawn_phases, lengths_from_counts, recorded_from_counts, span_lengths
 from lmeasure.simulation import cell_rig, simulate_run
 from lmeasure.trajectory import RunModel, Situation, reconstruct, reconstruction_of
-from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo
+from lmeasure.trajectory.reconstruction.screw_method import by_monte_carlo
 
 COUNT_MM = 0.012
 

@@ -1,6 +1,6 @@
 """Which physical effect would explain what is left of a calibration's residuals, each by its own law, and how seldom chance looks like it.
 
-    run-out of a drum         a cos(2 pi k/N) + b sin(2 pi k/N) of its lengths                        (`sensors.effect_laws`)
+    run-out of a drum         a cos(2 pi k/N) + b sin(2 pi k/N) of its lengths                        (`sensors.imperfect_parts`)
     eccentric pulley          two components of its groove's way off the axle                         (likewise)
     drum's diameter, pitch    derivatives by the length of a count and by the groove's pitch; another cable's diameter is the first
     pulley's radius           derivative by it

@@ -82,12 +82,9 @@ class Readings:
     times: FloatArray
     changes: FloatArray
     variance: FloatArray
-    poses: FloatArray
-    """(n, 7) of the run at the samples' times, from which the fit begins; NaN where there is none."""
-    u_clock_s: float
-    """Standard uncertainty of a channel's stamps as a whole; 0 where channels are latched together."""
-    middle_s: float
-    """Time about which rates of clocks count."""
+    poses: FloatArray  # (n, 7) of the run at the samples' times, from which the fit begins; NaN where there is none
+    u_clock_s: float  # Standard uncertainty of a channel's stamps as a whole; 0 where channels are latched together
+    middle_s: float  # Time about which rates of clocks count
 
     def part(self, few: slice) -> "Readings":
         """Return some of the samples."""
@@ -105,8 +102,7 @@ class Control:
     """Control poses with the variances of their fourth differences (K - 4, 6), and what the shared variables are."""
 
     points: FloatArray
-    turns: FloatArray
-    """(K, 4) unit quaternions."""
+    turns: FloatArray  # (K, 4) unit quaternions
     snap: FloatArray
     variables: FloatArray
 
@@ -330,10 +326,8 @@ def jitter_of(times: FloatArray) -> FloatArray:
 
 
 def readings_of(reconstruction: Reconstruction, lengths: Lengths, trajectory: Trajectory) -> Readings:
-    """Return the readings of a run, as a curve takes them: those of channels with their own times at these.
-
-    TrajectoryError for a run of several passes, whose channels were read in different motions.
-    """
+    """Return the readings of a run, as a curve takes them: those of channels with their own times at these. TrajectoryError for a run of
+    several passes, whose channels were read in different motions."""
     budget = reconstruction.budget
     rig = budget.rig
     if rig.passes > 1:

@@ -293,10 +293,8 @@ class ContinuityFinder:
         self._standing = StandingFinder(rig)
         self._geometry = 0.0  # largest time squared over which a step may hide [s^2]
         self._jitter_mm = np.zeros(len(drums))
-        self._looked = np.zeros(len(drums), np.bool_)
-        """Channels that had as many counts on end as show a step."""
-        self._going = np.zeros(len(drums))
-        """Intervals in which each cable moved."""
+        self._looked = np.zeros(len(drums), np.bool_)  # Channels that had as many counts on end as show a step
+        self._going = np.zeros(len(drums))  # Intervals in which each cable moved
         self._steps: list[Candidates] = []
         self._habits = [np.zeros((len(drums), len(BINS)), np.int64) for _ in WINDOWS_S]
         self._rushes: list[list[Candidates]] = [[] for _ in WINDOWS_S]
@@ -431,11 +429,9 @@ class ContinuityFinder:
             self._jitter_mm = np.fmax(self._jitter_mm, JITTERED * np.fmax.reduce(speed * off[fine], axis=1, initial=0.0))
 
     def _look_for_rushes(self, time_s: FloatArray, mm: FloatArray, x: FloatArray, known: int, w: int, number: int, off_s: float) -> None:
-        """Accelerations over w samples either way: the motion's, and those that one channel has by itself; off_s: of the stamps.
-
-        Stamps that are off leave less of a cable that goes than of one that turns back, whose speed is none: what is suspected is taken at
-        the least, and held against what the others may have at most.
-        """
+        """Accelerations over w samples either way: the motion's, and those that one channel has by itself; off_s: of the stamps. Stamps
+        that are off leave less of a cable that goes than of one that turns back, whose speed is none: what is suspected is taken at the
+        least, and held against what the others may have at most."""
         m, n = x.shape
         if n <= 2 * w or m < 2:
             return

@@ -21,8 +21,8 @@ from lmeasure.rig import Rig
 from lmeasure.sensors import Lengths
 from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.continuity import Away, Break, Continuity, ContinuityFinder, Stood
-from lmeasure.trajectory.faults.detectable_sizes import ALONE, CLOSED_COUNTS, CLOSED_MM, CLOSED_SCATTERS
 from lmeasure.trajectory.faults.doubts import NONE, Doubt, Doubts
+from lmeasure.trajectory.faults.redundancy import ALONE, CLOSED_COUNTS, CLOSED_MM, CLOSED_SCATTERS
 from lmeasure.trajectory.faults.rests import LEAST_CABLES, NEAR_MM, RestFinder, Rests, ReversalFinder, Reversals
 
 BACK_COUNTS = 3.0
@@ -36,7 +36,10 @@ COARSE_MM = 1.0  # A step of a channel that would not be seen is said to be one 
 
 def doubts_of(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
     """Return what is in doubt of a run, by its breaks and its rests, whose lengths are those of all counts, doubtful ones included."""
-    every = [_for_a_moment(rig, away) for away in continuity.away] + [_stood(rig, stood) for stood in continuity.stood]
+    every = [_for_a_moment(rig, away) for away in continuity.away]
+    for s in continuity.stood:
+        said = message("channel.stands", channel=rig.cable[s.cable].channel, from_s=s.after_s)
+        every.append(Doubt(s.cable, s.after_s, s.until_s, Status.ORIGIN_LOST, said))
     notes = _of_moments(rig, continuity.away)
     count_mm = np.array([(d := rig.point(c.from_point).drum).count_length_mm / d.scale for c in rig.cable])
     open_until: dict[int, float] = {}
@@ -104,11 +107,6 @@ def _for_a_moment(rig: Rig, away: Away) -> Doubt:
     said = message("channel.elsewhere.then", channel=rig.cable[away.cable].channel)
     # the sample at until_s is the first that is right again
     return Doubt(away.cable, away.after_s, float(np.nextafter(away.until_s, -np.inf)), Status.JUMP, said)
-
-
-def _stood(rig: Rig, stood: Stood) -> Doubt:
-    said = message("channel.stands", channel=rig.cable[stood.cable].channel, from_s=stood.after_s)
-    return Doubt(stood.cable, stood.after_s, stood.until_s, Status.ORIGIN_LOST, said)
 
 
 def _lost(rig: Rig, at: Break, until_s: float, count_mm: float, *, stood: bool) -> Doubt:
@@ -203,18 +201,15 @@ class Evidence:
     first_s: float = 0.0
     last_s: float = 0.0
     notes: tuple[Message, ...] = ()
-    doubts: Doubts = NONE
-    """Channels that stepped while the robot moved, or stood: not used at all."""
-    unseen: Message | None = None
-    """Steps that the run would not have shown."""
+    doubts: Doubts = NONE  # Channels that stepped while the robot moved, or stood: not used at all
+    unseen: Message | None = None  # Steps that the run would not have shown
     returned_mm: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     """(k, m) changes of length at the positions to which the robot came back."""
     return_mm: FloatArray = field(default_factory=lambda: np.empty(0))
     """(m,) difference of two visits from which a single channel does not close."""
     lost_mm: FloatArray = field(default_factory=lambda: np.empty(0))
     """(m,) length from which lost counts of a single channel show, by all visits."""
-    reversals: Reversals | None = None
-    """Evidence of paths that were followed forth and back."""
+    reversals: Reversals | None = None  # Evidence of paths that were followed forth and back
 
     @property
     def sound(self) -> bool:
@@ -238,12 +233,10 @@ class Evidence:
         return float((np.maximum(CLOSED_MM, ALONE * _others(effect)) / np.maximum(self.reversals.speed_mm_s, 1e-9)).max())
 
     def closure_lengths(self, time_s: FloatArray) -> FloatArray:
-        """(n, m, K) errors of the lengths [mm] at times (n,) per variable of unit variance that the run shares.
-
-        All that does not close was lost at once, at a moment that is uniform over the run: then the product of the errors at two times, not
-        taken off, has the mean closure^2 min(f, g), f and g the parts of the run that are over. That is Brownian motion, whose series
-        (Karhunen-Loeve) is cut off and brought back to the variance at each time.
-        """
+        """(n, m, K) errors of the lengths [mm] at times (n,) per variable of unit variance that the run shares. All that does not close was
+        lost at once, at a moment that is uniform over the run: then the product of the errors at two times, not taken off, has the mean
+        closure^2 min(f, g), f and g the parts of the run that are over. That is Brownian motion, whose series (Karhunen-Loeve) is cut off
+        and brought back to the variance at each time."""
         lost = np.flatnonzero(self.closure_mm)
         over = np.clip((time_s - self.first_s) / max(self.last_s - self.first_s, 1e-9), 0.0, 1.0)
         frequency = np.pi * (np.arange(TERMS) + 0.5)
@@ -291,14 +284,9 @@ class EvidenceFinder:
         evidence = evidence_of(self._rig, rests, self._recorded, doubts)
         reversals = None if self._reversals is None else self._reversals.found()
         evidence = replace(evidence, doubts=doubts, unseen=unseen_steps(self._rig, continuity), reversals=reversals)
-        return replace(evidence, notes=(*evidence.notes, *_late_notes(self._rig, evidence)))
-
-
-def _late_notes(rig: Rig, evidence: Evidence) -> list[Message]:
-    """A note for each channel that is late."""
-    late = np.flatnonzero(evidence.late_s)
-    effect = np.zeros(0) if evidence.reversals is None else evidence.reversals.effect_mm
-    return [message("counts.late", channel=rig.cable[j].channel, ms=1e3 * float(evidence.late_s[j]), mm=float(effect[j])) for j in late]
+        effect = np.zeros(0) if reversals is None else reversals.effect_mm
+        late = [(self._rig.cable[j].channel, 1e3 * float(s), float(effect[j])) for j, s in enumerate(evidence.late_s) if s]
+        return replace(evidence, notes=(*evidence.notes, *(message("counts.late", channel=c, ms=ms, mm=mm) for c, ms, mm in late)))
 
 
 def evidence_of(rig: Rig, rests: Rests, recorded: tuple[Recorded, ...] = (), doubts: Doubts = NONE) -> Evidence:

@@ -51,10 +51,8 @@ class Rests:
         return len(self.begin_s)
 
     def places(self) -> IntArray:
-        """(N,) the number of the place that each rest is a visit of, from 0 in order of their first visits.
-
-        A rest is held against the last visit of every place, for robots drift and counters slip more than once.
-        """
+        """(N,) the number of the place that each rest is a visit of, from 0 in order of their first visits. A rest is held against the last
+        visit of every place, for robots drift and counters slip more than once."""
         n, m = self.length_mm.shape
         last = np.empty((n, m))
         out = np.empty(n, np.int64)

@@ -300,10 +300,6 @@ def _of_euroc(path: Path, stated: Stated) -> Trajectory:
     return _of_table(path, replace(stated, columns=None), columns)
 
 
-def _of_markers(path: Path, stated: Stated) -> Trajectory:
-    return _of_marked(path, read_markers(path), stated)
-
-
 def _of_marked(path: Path, marked: Marked, stated: Stated) -> Trajectory:
     """Labelled markers: the rigid body that they are, its uncertainty by how they scatter about it."""
     body = body_of(marked, path)
@@ -350,9 +346,7 @@ def _of_messages(path: Path, stated: Stated) -> Trajectory:
 
 def _checked(path: Path, found: Trajectory, lines: list[int], notes: list[Message] | None = None) -> Trajectory:
     """The trajectory with quaternions of unit length, and without rows that repeat the stamp of the one before, which notes say.
-
-    FileFormatError names the row of a time that goes back, or a number that is none.
-    """
+    FileFormatError names the row of a time that goes back, or a number that is none."""
 
     def at(row: int) -> str:
         return message("log.line", number=lines[row]) if lines else message("file.row", number=row + 1)
@@ -398,5 +392,5 @@ def _rows_of(found: Trajectory, kept: BoolArray) -> Trajectory:
     return replace(found, **{name: getattr(found, name)[kept] for name in names})
 
 
-_READERS = {"tum": _of_lines, "markers": _of_markers, "euroc": _of_euroc}
+_READERS = {"tum": _of_lines, "markers": lambda path, stated: _of_marked(path, read_markers(path), stated), "euroc": _of_euroc}
 _FIXED = {"tum": "is a TUM file", "markers": "is one of labelled markers", "euroc": "is an EuRoC file"}

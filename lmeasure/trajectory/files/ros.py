@@ -66,9 +66,7 @@ def messages(trajectory: Trajectory) -> tuple[IntArray, NDArray[Any]]:
 @contextmanager
 def mcap_writer(path: Path, covers: str) -> Iterator[Callable[[Trajectory], None]]:
     """Write a trajectory in pieces as messages on `TOPIC`, whole or not at all; metadata `lmeasure` keeps what the uncertainties cover.
-
-    TrajectoryError when the package mcap is not installed, or a time lies before 0, which no stamp can tell.
-    """
+    TrajectoryError when the package mcap is not installed, or a time lies before 0, which no stamp can tell."""
     try:
         from mcap.writer import Writer
     except ImportError as error:
@@ -101,10 +99,8 @@ class Messages:
 
 
 def read_messages(path: Path, topic: str | None = None) -> Messages:
-    """The poses of an MCAP file, of ROS 1 or 2: PoseStamped or PoseWithCovarianceStamped, by the stamps in the messages.
-
-    FileFormatError where the file is none, or where there are none or several such topics and none is named.
-    """
+    """The poses of an MCAP file, of ROS 1 or 2: PoseStamped or PoseWithCovarianceStamped, by the stamps in the messages. FileFormatError
+    where the file is none, or where there are none or several such topics and none is named."""
     try:
         from mcap.reader import make_reader
     except ImportError as error:

@@ -299,9 +299,7 @@ def _alike(a: FloatArray, b: FloatArray) -> bool:
 
 def find_start(rig: Rig, lengths: Lengths, source: str, begin: Begin) -> Reconstruction:
     """The reconstruction of a run that begins nobody knows where, lengths being those of its beginning at least, its origins found.
-
-    TrajectoryError where too few channels are absolute, no pose fits them, or several do that the run does not tell apart: all listed.
-    """
+    TrajectoryError where too few channels are absolute, no pose fits them, or several do that the run does not tell apart: all listed."""
     i = first_sample(rig, lengths, source)
     rows, zero_u = rig.cable_rows(rig.observed), absolute_channels(rig)
     used = np.isfinite(zero_u) & np.isfinite(lengths.change_mm[i])

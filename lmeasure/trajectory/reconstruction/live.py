@@ -98,8 +98,7 @@ class AnyChannels:
         self._doubt = next((d.status for d in open_ if d.cable == EVERY), None)
         self._offsets = np.array(np.broadcast_to(reconstruction.budget.offsets(np.full(1, np.nextafter(now, np.inf)))[0], m))
         self._offsets[[d.cable for d in open_ if d.cable != EVERY]] = np.nan
-        self.last = int(Status.GAP), np.full(7, np.nan), np.nan
-        """Status, pose and angle of the last sample that is known."""
+        self.last = int(Status.GAP), np.full(7, np.nan), np.nan  # Status, pose and angle of the last sample that is known
         if time_s is not None and recorded is not None:
             self._beginning(doubts, time_s, recorded)
 

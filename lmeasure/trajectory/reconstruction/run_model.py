@@ -28,25 +28,19 @@ CABLES_FOR_A_POINT = 3
 
 @dataclass(frozen=True)
 class Scheme:
-    """Unknowns of a pose.
-
-    rows (m, columns) of the kernels, of all channels (`Rig.observed`); free: the components of the twist that can change; point: the one
-    attachment point whose position is measured when orientation is not, else None; held: the freedoms that a constraint keeps.
-    """
+    """What is solved for. rows (m, columns) of the kernels, of all channels (`Rig.observed`); free: the components of the twist that can
+    change; point: the one attachment point whose position is measured when orientation is not, else None; held: the freedoms that a
+    constraint keeps."""
 
     rows: FloatArray
     free: tuple[str, ...]
     point: str | None = None
     held: str = ""
     constraint: str = ""
-    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Of that point in the tool frame."""
-    six: bool = field(init=False)
-    """Six cables to a free body and nothing else: as many equations as unknowns, the screw method proper."""
-    free_index: IntArray = field(init=False)
-    """(f,) indices of the free components."""
-    redundancy: int = field(init=False)
-    """Channels beyond the least number."""
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Of that point in the tool frame
+    six: bool = field(init=False)  # Six cables to a free body and nothing else: as many equations as unknowns, the screw method proper
+    free_index: IntArray = field(init=False)  # (f,) indices of the free components
+    redundancy: int = field(init=False)  # Channels beyond the least number
 
     def __post_init__(self) -> None:
         six = len(self.rows) == len(self.free) == len(FREEDOMS) and not self.rows[:, KIND].any()
@@ -63,9 +57,7 @@ class Scheme:
 
 def scheme_of(rig: Rig, start: FloatArray, constraint: str | None = None) -> Scheme:
     """The scheme of a rig; a constraint given here replaces the rig's. start (7,) says which freedoms too few cables leave unmeasured.
-
-    RigError when the cables cannot tell the pose: too few, naming the freedoms, or to attachment points on one line.
-    """
+    RigError when the cables cannot tell the pose: too few, naming the freedoms, or to attachment points on one line."""
     held = constraint or rig.constraint
     rows, used = rig.cable_rows(rig.observed), sorted({c.to_point for c in rig.observed if c.to_point})
     m = len(rows)
@@ -128,10 +120,8 @@ class Correction:
         return ()
 
     def corrected(self, lengths: Lengths, solve: Callable[[FloatArray], FloatArray]) -> Lengths:
-        """The lengths with changes to which the rig's plain geometry belongs; solve gives the poses (n, 7) of changes (n, m).
-
-        The excess depends on the pose, by a strain's part of it: pose and excess are found in turn, which gains three digits a round.
-        """
+        """The lengths with changes to which the rig's plain geometry belongs; solve gives the poses (n, 7) of changes (n, m). The excess
+        depends on the pose, by a strain's part of it: pose and excess are found in turn, which gains three digits a round."""
         m = lengths.lengths
         counts = lengths.counts[:, :m]
         zero, warm = self._situation(counts, None if lengths.temperature_c is None else lengths.temperature_c[:, :m])

@@ -31,17 +31,15 @@ from lmeasure.rig import PHASED, Rig
 from lmeasure.sensors import COUNTER_STATE, Lengths, axial_travel, changes_from_counts, lengths_from_counts, rate_notes, zero_temperature
 from lmeasure.text import Message, and_also, is_of, message
 from lmeasure.trajectory.faults.consistency import RunSamples, collect_epochs, consistent
-from lmeasure.trajectory.faults.detectable_sizes import detectable_sizes
 from lmeasure.trajectory.faults.doubts import Doubts
-from lmeasure.trajectory.faults.redundancy import Epochs, places_of_reliability, reliability, reliability_notes
+from lmeasure.trajectory.faults.redundancy import Epochs, detectable_sizes, places_of_reliability, reliability, reliability_notes
 from lmeasure.trajectory.faults.rest_evidence import CLOSURE, Evidence, EvidenceFinder
 from lmeasure.trajectory.files.trajectory import NAMES, Summary, Trajectory
 from lmeasure.trajectory.files.write import trajectory_writer
 from lmeasure.trajectory.origin.origins import settle_origins
 from lmeasure.trajectory.origin.start import find_start, motion_of, zeros_by_motion
-from lmeasure.trajectory.reconstruction.monte_carlo import by_monte_carlo
 from lmeasure.trajectory.reconstruction.run_model import RunModel, Scheme
-from lmeasure.trajectory.reconstruction.screw_method import Reconstruction, reconstruction_of
+from lmeasure.trajectory.reconstruction.screw_method import Reconstruction, by_monte_carlo, reconstruction_of
 from lmeasure.trajectory.time.passes import Alignment, align
 from lmeasure.trajectory.uncertainty.budget import CHUNK, RESTORED_ORIGIN, Budget, PoseCovariances
 from lmeasure.trajectory.uncertainty.sources import LIGHT_RAD, PassClock, Situation, needed_zero, zeros_of

@@ -153,11 +153,9 @@ def _period(counts: Counts) -> float:
 
 
 def _clock(first: FloatArray, later: FloatArray, period: float, later_period: float, u_stamp_s: float) -> tuple[float, float, float]:
-    """(shift, rate, standard uncertainty [s]) of t_first = shift + rate t_later; u_stamp_s: of an edge's two stamps.
-
-    An edge is known to within a sampling period. Only what scatters of that is averaged by further edges: pulses that keep step with the
-    sampling are all late by the same.
-    """
+    """(shift, rate, standard uncertainty [s]) of t_first = shift + rate t_later; u_stamp_s: of an edge's two stamps. An edge is known to
+    within a sampling period. Only what scatters of that is averaged by further edges: pulses that keep step with the sampling are all late
+    by the same."""
     quantum = np.hypot(period, later_period) / np.sqrt(12.0)
     if len(first) == 0:
         return 0.0, 1.0, 0.0

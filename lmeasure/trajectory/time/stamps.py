@@ -79,10 +79,8 @@ class Numbers:
 
 
 def gaps(stamps_s: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """Return (n - 1,) which intervals of stamps (n,) are gaps, and which begin a new phase: gaps, and holes of parts of a period.
-
-    A late sample is followed by others in quick succession, until the stamps have caught up; behind a gap they stay behind.
-    """
+    """Return (n - 1,) which intervals of stamps (n,) are gaps, and which begin a new phase: gaps, and holes of parts of a period. A late
+    sample is followed by others in quick succession, until the stamps have caught up; behind a gap they stay behind."""
     intervals = np.diff(stamps_s)
     if len(intervals) == 0:
         return np.zeros(0, np.bool_), np.zeros(0, np.bool_)
@@ -217,12 +215,10 @@ def _count_holes(stamps_s: FloatArray, steps: IntArray, period: float, known: Bo
 
 
 def clock(stamps_s: FloatArray, found: Numbers) -> Clock | None:
-    """The even clock through stamps (n,) of numbered samples; None where they are too few, or do not keep it.
-
-    A line through what stands for blocks of stamps - the least, the middle or the mean, whichever scatters least: the least knows nothing
-    of what kept a host busy, the mean most of errors to both sides. The line's uncertainty comes from the blocks' own scatter, or where
-    they wander from how the rate differs from block to block.
-    """
+    """The even clock through stamps (n,) of numbered samples; None where they are too few, or do not keep it. A line through what stands
+    for blocks of stamps - the least, the middle or the mean, whichever scatters least: the least knows nothing of what kept a host busy,
+    the mean most of errors to both sides. The line's uncertainty comes from the blocks' own scatter, or where they wander from how the rate
+    differs from block to block."""
     stamps, number, stretch = stamps_s[found.known], found.number[found.known], found.stretch[found.known]
     blocks = _blocks(stretch)
     of = np.array([stretch[b.start] for b in blocks])
@@ -290,11 +286,9 @@ def _least(late_s: FloatArray) -> float:
 
 
 def random_walk(late_s: FloatArray, number: IntArray, stretch: IntArray) -> float:
-    """Return the standard deviation [s] of one interval where the intervals of stamps, late_s (n,), add up to a random walk, else 0.
-
-    Second differences over L samples (the Allan variance of a clock) have a mean square of 6 u^2 where each stamp errs by u on its own, and
-    of 2 L w^2 where intervals err by w. A clock that drifts, or has another rate from some sample on, hardly shows in their median.
-    """
+    """Return the standard deviation [s] of one interval where the intervals of stamps, late_s (n,), add up to a random walk, else 0. Second
+    differences over L samples (the Allan variance of a clock) have a mean square of 6 u^2 where each stamp errs by u on its own, and of 2 L
+    w^2 where intervals err by w. A clock that drifts, or has another rate from some sample on, hardly shows in their median."""
     most = len(late_s) // OF_LAG
     if most < LEAST_LAG:
         return 0.0
@@ -308,10 +302,8 @@ def random_walk(late_s: FloatArray, number: IntArray, stretch: IntArray) -> floa
 
 def unexplained_walk(stamps_s: FloatArray, found: Numbers, u_s: float) -> tuple[float, int]:
     """Return the standard deviation [s] of one interval of a random walk by which the rates of blocks of numbered samples differ, beside
-    errors u_s of single stamps; and the number of samples of the longest part whose numbers are sure.
-
-    Second differences of the levels of blocks of m samples have a variance of m w^2 by a walk, and of 6 u^2 / m by single stamps.
-    """
+    errors u_s of single stamps; and the number of samples of the longest part whose numbers are sure. Second differences of the levels of
+    blocks of m samples have a variance of m w^2 by a walk, and of 6 u^2 / m by single stamps."""
     parts = np.flatnonzero(np.diff(np.concatenate([[False], found.known, [False]]).astype(np.int64))).reshape(-1, 2)
     size, second = _size(int(found.known.sum())), [np.zeros(0)]
     for begin, end in parts.tolist():

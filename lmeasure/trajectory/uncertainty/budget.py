@@ -517,10 +517,8 @@ class Budget:
 
     def _warm_lengths(self, at: Situation) -> FloatArray:
         """(n, m, k) errors of the lengths by what nobody stated of temperature: that of the run, that of the calibration, how cables grow.
-
         With a the expansion, T0 and T the temperatures at zeroing and now, Tc that at which a count has its length, a cable of paid-out
-        length D and free length L (D and what was out at zeroing) changes by a (T0 - Tc) D + a (T - T0) L.
-        """
+        length D and free length L (D and what was out at zeroing) changes by a (T0 - Tc) D + a (T - T0) L."""
         poses, counts, warm = self._of_cables(at)
         rows, model = self.scheme.rows[: self._cables], self.model
         paid = np.stack([sensors.drum_of(row).paid_out(counts[:, j]) for j, row in enumerate(rows)], axis=1)

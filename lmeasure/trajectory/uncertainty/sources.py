@@ -75,13 +75,10 @@ class Situation:
 
 @dataclass(frozen=True)
 class Source:
-    """One kind of error.
-
-    names (k,): of its variables, as `PoseCovariances.sources` has them; said: what they are in the words of `Budget.covers`. lengths:
-    errors of the lengths (n, m, k) [mm] per standard deviation of each variable, or (m, k) where they are the same at all samples. uniform:
-    whether the variables are uniform, of unit variance, or normal. assumed (k,): the key of the typical size that each is, empty of what is
-    stated or calibrated; () where none is assumed.
-    """
+    """One kind of error. names (k,): of its variables, as `PoseCovariances.sources` has them; said: what they are in the words of
+    `Budget.covers`. lengths: errors of the lengths (n, m, k) [mm] per standard deviation of each variable, or (m, k) where they are the
+    same at all samples. uniform: whether the variables are uniform, of unit variance, or normal. assumed (k,): the key of the typical size
+    that each is, empty of what is stated or calibrated; () where none is assumed."""
 
     names: tuple[str, ...]
     said: tuple[str, ...]
@@ -92,11 +89,9 @@ class Source:
 
 def zero_phase(rig: Rig) -> Source:
     """Where within a count the counters were zeroed: recorded = round(k + phase), so that every decoded count of a zeroing is off by the
-    same phase, uniform within half a recorded count, and on top of it by its own rounding.
-
-    The lengths are those of the zero pose and what was counted since. So the phase stays in all of them, whether the zero pose was stated
-    or came from lengths (`[start] lengths_mm`): nothing takes it out.
-    """
+    same phase, uniform within half a recorded count, and on top of it by its own rounding. The lengths are those of the zero pose and what
+    was counted since. So the phase stays in all of them, whether the zero pose was stated or came from lengths (`[start] lengths_mm`):
+    nothing takes it out."""
     shifts = phase_columns(rig, rig.observed)
     return Source((PHASE,) * shifts.shape[1], (message("covers.of.phase"),), lambda _: shifts, uniform=True)
 
@@ -143,13 +138,10 @@ def angle_of(rig: Rig) -> FloatArray:
 
 
 def variance_until_told(zeros: FloatArray, free: int) -> FloatArray:
-    """(m,) [rad^2] by which readings scatter more than their rounding until a run has determined the zeros, of standard uncertainties
-    (m,) [rad].
-
-    A reading that weighs by its rounding, but is off by its zero, leads the pose away from where the others have it, where what channels
-    say of each other is no longer of first order. So it weighs as it is known; where fewer than the free components (their number) of the
-    pose are determined by others, all are taken for better known by one factor, for normal equations square what readings weigh.
-    """
+    """(m,) [rad^2] by which readings scatter more than their rounding until a run has determined the zeros, of standard uncertainties (m,)
+    [rad]. A reading that weighs by its rounding, but is off by its zero, leads the pose away from where the others have it, where what
+    channels say of each other is no longer of first order. So it weighs as it is known; where fewer than the free components (their number)
+    of the pose are determined by others, all are taken for better known by one factor, for normal equations square what readings weigh."""
     u = np.where(zeros < NEAR_RAD, 0.0, zeros)
     needed = needed_zero(u, free)
     return np.asarray((u * min(1.0, LIGHT_RAD / max(needed, LIGHT_RAD))) ** 2)
@@ -184,10 +176,8 @@ def loose_zeros(rig: Rig, record: CalibrationRecord | None, free: int) -> IntArr
 
 def own_lengths(rig: Rig, record: CalibrationRecord | None) -> Source:
     """By which the lengths of a cable err on their own, as the residuals of the calibration showed it (`CalibrationRecord.u_length_mm`).
-
     What stands behind it is not known: run-out, an eccentric pulley, friction. It is taken as a wave of a drum's turn, of unknown phase, so
-    that lengths a fraction of a turn apart err together and farther ones do not, less the error where the counter was zeroed.
-    """
+    that lengths a fraction of a turn apart err together and farther ones do not, less the error where the counter was zeroed."""
     known = {} if record is None else record.u_length_mm
     u = np.array([known.get(c.name, 0.0) for c in rig.cable])
     own, turn = np.flatnonzero(u), rig.cable_rows()[:, TURN_COUNTS]
@@ -239,11 +229,8 @@ def second_order_variables(k: int) -> int:
 
 def beyond_first(rows: FloatArray, poses: FloatArray, *, G: FloatArray, F: FloatArray, angles: BoolArray) -> FloatArray:
     """(n, 6, second_order_variables(k)) errors of (n, 7) poses beyond those of first order F (n, 6, k) [rad; mm], base axes, by k normal
-    variables.
-
-    rows (m, columns) of the channels, of which angles (m,) are on the circle; G (n, 6, m): motions of the poses per unit of each reading.
-    NaN where there is no pose.
-    """
+    variables. rows (m, columns) of the channels, of which angles (m,) are on the circle; G (n, 6, m): motions of the poses per unit of each
+    reading. NaN where there is no pose."""
     k = F.shape[2]
     out = np.full((len(poses), 6, second_order_variables(k)), np.nan)
     known = np.isfinite(poses).all(axis=1) & np.isfinite(F).all(axis=(1, 2))
