@@ -84,7 +84,7 @@ def test_rows_are_made_unit_and_checked() -> None:
     assert poses.rows[0, 6] == 1.0
     assert poses.names == ("1",)
     for bad in ([[0, 0, math.nan, 0, 0, 0, 1]], [[0, 0, 0, 0, 0, 0, math.inf]]):
-        with pytest.raises(FileFormatError, match="pose 1: holds a number that is not finite"):
+        with pytest.raises(FileFormatError, match="pose 1: contains a number that is not finite"):
             poses_from_rows(np.array(bad))
 
 
