@@ -28,12 +28,10 @@ from study import options, show
 from lmeasure.core import se3
 from lmeasure.robots import Measurements, Settings, beyond, freed, held_out, identify, identify_with_choice, predict, to_plan, worth_freeing
 from lmeasure.robots.identification.hold_out import FALSE_ALARM
-from lmeasure.robots.identification.initial_frames import find_frames
 from lmeasure.robots.identification.measurements import measured
-from lmeasure.robots.identification.observability import determined_parameters
-from lmeasure.robots.identification.plan import chosen
+from lmeasure.robots.identification.observability import chosen, determined_parameters
 from lmeasure.robots.identification.problem import Noise, Problem
-from lmeasure.robots.identification.unknowns import Unknowns
+from lmeasure.robots.identification.unknowns import Unknowns, find_frames
 from lmeasure.robots.robot import shipped
 
 FloatArray = NDArray[np.float64]

@@ -34,9 +34,9 @@ from lmeasure.kernels import span_lengths
 from lmeasure.recording import poses_from_rows
 from lmeasure.rig import read_rig
 from lmeasure.robots import Measurements, Settings, any_shipped, checked, frames, identify, predict
-from lmeasure.robots.file_fields import Limits
 from lmeasure.robots.identification.measurements import measured
 from lmeasure.robots.identification.observability import determined_parameters
+from lmeasure.robots.model import Limits
 from lmeasure.robots.parallel.limits import own_roots
 from lmeasure.robots.parallel.model import Parallel
 

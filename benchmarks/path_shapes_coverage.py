@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from study import Study, percent, table
 
 from lmeasure.iso9283.clauses.path import DOUBT_OF_MEAN
-from lmeasure.iso9283.path_spectrum import cosines, reduced
+from lmeasure.iso9283.figure import cosines, reduced
 
 FloatArray = NDArray[np.float64]
 

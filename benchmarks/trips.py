@@ -1,6 +1,6 @@
 """Follow one value through the code by static analysis: how many files a call passes, and how often it returns to one.
 
-    python benchmarks/trips.py lmeasure.workflows.reconstruct:run [--value settings] [--package FOLDER] [--list]
+    python benchmarks/trips.py lmeasure.workflows.reconstruct:run_reconstruct [--value settings] [--package FOLDER] [--list]
     python benchmarks/trips.py --table BEFORE [--write]
 
 Calls are followed in the order of the source, each function once. A stay is an uninterrupted series of functions of one file; returns are
@@ -33,8 +33,8 @@ TRIPS = {
     "a run folder through `reconstruct_stream`": (
         ("trajectory.stream:reconstruct_stream", "trajectory.reconstruction.runs:reconstruct_stream"), "head",
     ),
-    "the options of `lmeasure reconstruct`": (("workflows.reconstruct:run",) * 2, "settings"),
-    "every call of `lmeasure reconstruct`": (("workflows.reconstruct:run",) * 2, None),
+    "the options of `lmeasure reconstruct`": (("workflows.reconstruct:run_reconstruct",) * 2, "settings"),
+    "every call of `lmeasure reconstruct`": (("workflows.reconstruct:run_reconstruct",) * 2, None),
 }  # fmt: skip
 """What is followed from where, before and after, and the parameter that is the value."""
 
@@ -401,7 +401,7 @@ def table(before: Path) -> str:
 def main() -> None:
     """Print the counts of one trip, or the table."""
     parser = options(__doc__)
-    parser.add_argument("start", nargs="?", default="lmeasure.workflows.reconstruct:run")
+    parser.add_argument("start", nargs="?", default="lmeasure.workflows.reconstruct:run_reconstruct")
     parser.add_argument("--value", help="parameter that is the value")
     parser.add_argument("--package", type=Path, default=PACKAGE)
     parser.add_argument("--list", action="store_true", help="print the stays")

@@ -28,7 +28,7 @@ from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, span_lengths
 from lmeasure.rig import read_rig
 from lmeasure.robots import Settings, identify, predict
 from lmeasure.robots.identification.measurements import measured
-from lmeasure.robots.identification.trajectory_rests import fields_over, independent
+from lmeasure.robots.identification.read_measurements import fields_over, independent
 
 FloatArray = NDArray[np.float64]
 SEED, POSES, LATER, POINT_MM = 17, 60, 20, 0.02

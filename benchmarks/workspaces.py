@@ -5,7 +5,7 @@
 The brute force reads robot.toml by itself and knows a leg as a drawing shows it: a carriage by the angle between two circles, a hinged one
 by the vertical plane through it, an arm by the law of cosines, a strut by its length, a slider by a quadratic. Limits are joints', gaps',
 cones', the centre of mass and the distance from singular poses. Its volume is that of random places; the grid's can be off by half of the
-cells at the boundary at most, which is its error here. Robots of fewer freedoms are in `workspaces_told`.
+cells at the boundary at most, which is its error here. Robots of fewer freedoms are in `workspaces_few_freedoms`.
 """
 
 import math
@@ -16,7 +16,7 @@ from importlib.resources import files
 from typing import Any, NamedTuple
 
 import numpy as np
-import workspaces_told
+import workspaces_few_freedoms
 from numpy.typing import NDArray
 from study import options, show
 
@@ -52,7 +52,7 @@ CASES = (
 
 class Reported(NamedTuple):
     """A robot of fewer freedoms, the grid (least, most, step) of what it is told, their unit, and which of them by brute force it can
-    take: `workspaces_told`."""
+    take: `workspaces_few_freedoms`."""
 
     robot: str
     axes: tuple[tuple[float, float, float], ...]
@@ -61,8 +61,8 @@ class Reported(NamedTuple):
 
 
 REPORTED = (
-    Reported("crank-platform", ((-8, 8, 1), (-8, 8, 1), (180, 206, 2)), "deg deg mm", workspaces_told.crank_platform),
-    Reported("seven-link", ((30, 200, 0.5),), "mm", workspaces_told.seven_link),
+    Reported("crank-platform", ((-8, 8, 1), (-8, 8, 1), (180, 206, 2)), "deg deg mm", workspaces_few_freedoms.crank_platform),
+    Reported("seven-link", ((30, 200, 0.5),), "mm", workspaces_few_freedoms.seven_link),
 )
 MOST_TOLD = 5000
 """Random values of what these are told: each is looked for by itself."""

@@ -5,11 +5,10 @@ from .bus.frames import EXTENDED as EXTENDED, FD as FD, Frames as Frames
 from .bus.sources import bus_opener as bus_opener, open_source as open_source
 from .check.self_test import Check as Check, corrected as corrected, not_corrected as not_corrected, self_test as self_test
 from .check.watch import Ask as Ask, Finished as Finished, Moved as Moved, Step as Step
-from .counters.counting import STALE_S as STALE_S, Progress as Progress, watch as watch
 from .counters.decoders import counter_fields as counter_fields
 from .counters.events import Event as Event
+from .counters.origins import GoneOn as GoneOn, folded as folded, moduli as moduli, range_notes as range_notes
 from .counters.samples import Samples as Samples, joined as joined
-from .counters.wraps import GoneOn as GoneOn, folded as folded, moduli as moduli, range_notes as range_notes
 from .logs.import_log import (
     Imported as Imported,
     import_logs as import_logs,
@@ -17,9 +16,8 @@ from .logs.import_log import (
     with_files_beside as with_files_beside,
     write_import as write_import,
 )
-from .logs.lines import Line as Line, by_lines as by_lines
 from .logs.read import log_suffixes as log_suffixes, read_frames as read_frames
-from .logs.report import LogFormat as LogFormat, LogReport as LogReport
+from .logs.report import Line as Line, LogFormat as LogFormat, LogReport as LogReport, by_lines as by_lines
 from .logs.scan_log import Scan as Scan, Spoken as Spoken, listen as listen, scan_log as scan_log
-from .recorder import Recording as Recording, record as record
+from .recorder import STALE_S as STALE_S, Progress as Progress, Recording as Recording, record as record, watch as watch
 from .session import Link as Link, connect as connect, options_from_text as options_from_text, record_session as record_session

@@ -9,12 +9,11 @@ from lmeasure.acquisition.bus.canopen import Device, as_mapped, produce_sync, st
 from lmeasure.acquisition.bus.frames import no_frames
 from lmeasure.acquisition.bus.sources import Source, open_source
 from lmeasure.acquisition.counters.assembly import new_assembler
-from lmeasure.acquisition.counters.counting import Progress
 from lmeasure.acquisition.counters.decoders import CounterField, counter_fields
+from lmeasure.acquisition.counters.origins import range_notes
 from lmeasure.acquisition.counters.samples import Samples
-from lmeasure.acquisition.counters.wraps import range_notes
 from lmeasure.acquisition.logs.import_log import fields_of_log, with_files_beside
-from lmeasure.acquisition.recorder import Recording, record
+from lmeasure.acquisition.recorder import Progress, Recording, record
 from lmeasure.core import AcquisitionError
 from lmeasure.io import files
 from lmeasure.recording import start_from_text

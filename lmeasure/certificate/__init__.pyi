@@ -1,4 +1,3 @@
-from .budget import chosen as chosen, gathered as gathered, halving as halving
 from .bundle import (
     CERTIFICATE as CERTIFICATE,
     check_seal as check_seal,
@@ -12,14 +11,22 @@ from .bundle import (
 from .compare import (
     SIGNIFICANT as SIGNIFICANT,
     Comparison as Comparison,
+    Improvement as Improvement,
     Pair as Pair,
     as_dict as as_dict,
     compare_certificates as compare_certificates,
+    improvement as improvement,
     lines as lines,
 )
-from .content import certificate as certificate, environment as environment, now as now
-from .dcc import Dcc as Dcc, dcc_xml as dcc_xml, read_dcc as read_dcc
-from .details import SCHEMA as SCHEMA, Details as Details, read_details as read_details
+from .content import (
+    certificate as certificate,
+    chosen as chosen,
+    environment as environment,
+    gathered as gathered,
+    halving as halving,
+    now as now,
+)
+from .dcc import SCHEMA as SCHEMA, Dcc as Dcc, Details as Details, dcc_xml as dcc_xml, read_dcc as read_dcc, read_details as read_details
 from .inputs import Inputs as Inputs, Measured as Measured, measure as measure
 from .laboratories import (
     Consensus as Consensus,
@@ -38,8 +45,6 @@ from .pictures import (
     targets as targets,
     way as way,
 )
-from .recompute import with_u95 as with_u95
-from .robot_improvement import Improvement as Improvement, improvement as improvement
 from .signature import (
     canonical as canonical,
     fingerprint as fingerprint,
@@ -55,4 +60,5 @@ from .verification import (
     read_certificate as read_certificate,
     report_lines as report_lines,
     verify as verify,
+    with_u95 as with_u95,
 )

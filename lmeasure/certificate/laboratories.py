@@ -27,8 +27,7 @@ import scipy
 
 from lmeasure.certificate.bundle import CERTIFICATE
 from lmeasure.certificate.dcc import DccResult, read_dcc
-from lmeasure.certificate.recompute import with_u95
-from lmeasure.certificate.verification import read_certificate
+from lmeasure.certificate.verification import read_certificate, with_u95
 from lmeasure.core import CertificationError, FloatArray
 from lmeasure.text import Message, message
 

@@ -86,7 +86,7 @@ def command(name: str) -> Any:
     return out
 
 
-def _print(result: "Result[Any]", verbose: bool) -> None:
+def _print(result: "Result", verbose: bool) -> None:
     """Print the summary and the next command; where they are verbose, all numbers and files too."""
     for line in (*result.summary, *(result.details if verbose else ())):
         typer.echo(rendered(line))

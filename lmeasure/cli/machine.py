@@ -21,7 +21,7 @@ def asked(words: Sequence[str] | None = None) -> bool:
     return FLAG in (words[: words.index("--")] if "--" in words else words)
 
 
-def of_result(command: str, result: Result[Any]) -> dict[str, Any]:
+def of_result(command: str, result: Result) -> dict[str, Any]:
     """Return what a workflow gave."""
     return _document(
         command,
@@ -56,7 +56,7 @@ def _notes(made: Any) -> list[dict[str, str]]:
     return [{"code": note.code, "text": str(note)} for note in getattr(made, "notes", ()) if isinstance(note, Message)]
 
 
-def _made(result: Result[Any]) -> Any:
+def _made(result: Result) -> Any:
     """Return what was made: data as they are, unless a file of the command holds them, objects by what they say of themselves."""
     made = result.made
     if isinstance(made, Shown):

@@ -6,11 +6,54 @@ from pathlib import Path
 
 import numpy as np
 
+from lmeasure.acquisition import record_feed
 from lmeasure.calibration import Calibration, calibrate, read_campaign
-from lmeasure.demo.bus_loop import count_at_stops
+from lmeasure.core import FloatArray, se3
+from lmeasure.recording import Run
 from lmeasure.rig import Rig
-from lmeasure.simulation import SimulatedCampaign, campaign_at, reference_poses, write_campaign
+from lmeasure.robots import Performance
+from lmeasure.simulation import (
+    Leg,
+    SimulatedCampaign,
+    SimulatedRun,
+    campaign_at,
+    reference_poses,
+    simulate_run,
+    smooth_path,
+    write_campaign,
+)
 from lmeasure.text import of_terminal
+
+DWELL_S = 0.2
+REFERENCE_RATE_HZ = 100.0
+SPEED_MM_S = 800.0
+
+
+def count_at_stops(rig: Rig, stops: FloatArray, rng: np.random.Generator, progress: Callable[[int, int], None] | None = None) -> FloatArray:
+    """(n, m) recorded counts of pass 1 at (n, 7) poses that a robot drives to and rests at, through the bus; zeroed at the first."""
+    legs = [Leg(pose, SPEED_MM_S, 1.0, DWELL_S) for pose in stops]
+    time_s, poses = smooth_path(stops[0], legs, REFERENCE_RATE_HZ)
+    simulated = simulate_run(rig, time_s, poses, noise_mm=0.0, rng=rng)
+    counts = record_feed(rig, simulated.run.passes[0], progress=progress).counts
+    resting = [int(np.flatnonzero((np.abs(poses - pose) < 1e-9).all(axis=1))[-1]) for pose in stops]
+    return counts.recorded[resting]
+
+
+def record_motion(simulated: SimulatedRun, progress: Callable[[int, int], None] | None = None) -> Run:
+    """The simulated run as it arrives on the other side of the bus, pass by pass."""
+    passes = (record_feed(simulated.run.rig, c, i, progress).counts for i, c in enumerate(simulated.run.passes, 1))
+    return replace(simulated.run, passes=tuple(passes))
+
+
+def different_counts(sent: Run, received: Run) -> str:
+    """Return how many recorded counts of two runs differ, lost samples included."""
+    total = sum(c.recorded.size for c in sent.passes)
+    same = 0
+    for there, here in zip(sent.passes, received.passes, strict=True):
+        if here.recorded.shape == there.recorded.shape:
+            same += int((here.recorded == there.recorded).sum())
+    return f"{total - same} of {total}"
+
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage, and how much of it is done of how much."""
@@ -70,3 +113,21 @@ def calibrated_cell(out: Path, true: Rig, rng: np.random.Generator, step: Step) 
     write_calibration_record(out / "calibration" / "calibration.json", calibration.record)
     write_rig(out / "calibration" / "rig.toml", calibration.rig)
     return CalibratedCell(campaign, calibration)
+
+
+@dataclass(frozen=True)
+class RobotCell:
+    """true: the rig as it stands; calibration: what is known of it."""
+
+    true: Rig
+    calibration: Calibration
+
+    def record(self, done: Performance, rng: np.random.Generator, progress: Callable[[int, int], None] | None = None) -> Run:
+        """The run of a performance, over the bus. The counters are zeroed where the robot stands at its beginning, which a reference
+        instrument measures each time."""
+        moved = simulate_run(self.true, done.time_s, done.poses, noise_mm=0.0, rng=rng)
+        recorded = record_motion(moved, progress)
+        shift, turn = U_REFERENCE_MM * rng.normal(size=3), U_REFERENCE_RAD * rng.normal(size=3)
+        start = se3.displaced(done.poses[0], np.concatenate([turn, shift]))
+        known = self.calibration
+        return replace(recorded, rig=known.rig, calibration=known.record, start=start, u_start=(U_REFERENCE_MM, U_REFERENCE_RAD))

@@ -13,11 +13,19 @@ from lmeasure.accuracy import axis, radii_95, scan_zone, tilts, write_zone
 from lmeasure.calibration import Calibration
 from lmeasure.certificate import Improvement
 from lmeasure.core import QUATERNION_COLUMNS, Status
-from lmeasure.demo.bus_loop import DWELL_S, SPEED_MM_S, different_counts, record_motion
-from lmeasure.demo.calibrated_cell import CALIBRATE, COUNT, Progress, calibrated_cell, stages
-from lmeasure.demo.folder import mark
-from lmeasure.demo.robot_cell import RobotCell
-from lmeasure.demo.robot_in_cell import TESTS, Tested, robot_tested
+from lmeasure.demo.calibrated_cell import (
+    CALIBRATE,
+    COUNT,
+    DWELL_S,
+    SPEED_MM_S,
+    Progress,
+    RobotCell,
+    calibrated_cell,
+    different_counts,
+    record_motion,
+    stages,
+)
+from lmeasure.demo.robot_in_cell import TESTS, Tested, mark, robot_tested
 from lmeasure.io import files
 from lmeasure.recording import POSITION_COLUMNS, Run, read_run, write_run
 from lmeasure.rig import Rig

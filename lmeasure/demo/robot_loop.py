@@ -1,7 +1,10 @@
 """The loop closed: what is wrong with the robot is identified, its program corrected and run, and certified again beside the first time."""
 
-from dataclasses import dataclass
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,32 +19,93 @@ from lmeasure.certificate import (
     improvement,
     read_certificate,
 )
-from lmeasure.demo.calibrated_cell import Step
-from lmeasure.demo.correction import write_correction
-from lmeasure.demo.identification import Judged, judge, write_identification
-from lmeasure.demo.robot_cell import RobotCell
+from lmeasure.demo.calibrated_cell import RobotCell, Step
 from lmeasure.io import files
 from lmeasure.iso9283 import POSES, Campaign, CertificationSettings, read_commands, timed, write_commands
 from lmeasure.recording import Program, read_run, write_program, write_run
-from lmeasure.report import Choices, write_certificate, write_comparison_page
-from lmeasure.robot_programs import Corrected, corrected_program, dialect_of, opened
+from lmeasure.report import Choices, write_certificate, write_comparison_page, write_correction_page, write_robot_page
+from lmeasure.robot_programs import Corrected, Listing, as_record, corrected_program, dialect_of, opened
 from lmeasure.robots import (
     RATED_LOAD_KG,
     RATED_SPEED_MM_S,
+    AnyRobot,
     Command,
+    HeldOut,
+    Identified,
     Limits,
+    Noted,
     Performance,
+    PredictionMap,
     Robot,
     SimulatedRobot,
+    beyond,
+    corrected,
     given,
+    held_out,
     identify_with_choice,
+    learning_curve,
+    nominal_frames,
     nominal_robot,
     read_identified,
+    record as identified_record,
+    workspace,
+    worth_freeing,
+    write_record,
     write_robot,
+    write_urdf,
 )
 from lmeasure.simulation import WORK_SPACE_MM, WORK_TILT_RAD, scattered_poses
 from lmeasure.text import message, of_terminal
 from lmeasure.trajectory import Stated, reconstruct, write_trajectory
+
+RECORD, CORRECTION_PAGE = "corrections.json", "corrections.html"
+
+
+def write_correction(out: Path, found: Corrected, listing: Listing, *, inputs: Sequence[Path], language: str) -> list[str]:
+    """The corrected files under their names, corrections.json and corrections.html into the folder; their names."""
+    names = [source.name for source in listing.sources]
+    for name, text in zip(names, found.texts, strict=True):
+        files.write_bytes(out / name, text.encode("latin-1"))
+    digests = [(path, files.sha256(path)) for path in inputs]
+    record = as_record(found, listing, listing.frames)
+    record["inputs"] = [{"file": str(path), "sha256": digest} for path, digest in digests]
+    files.write_text(out / RECORD, json.dumps(record, indent=1, allow_nan=False) + "\n")
+    write_correction_page(out / CORRECTION_PAGE, found, listing, inputs=[(p.name, digest) for p, digest in digests], language=language)
+    return [*names, RECORD, CORRECTION_PAGE]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """An identification that knows how rows fared that were held out of it, and how well it predicts over the workspace."""
+
+    found: Identified[Any]
+    held: HeldOut | None
+    over: PredictionMap | None
+    record: dict[str, Any]
+
+
+def judge(found: Identified[Any], inputs: Sequence[Path], findings: Sequence[Noted], seed: int = 0, *, thorough: bool = True) -> Judged:
+    """Hold rows out, and make the record of it all; thorough: find out too how well fewer poses would do."""
+    held = held_out(found, seed=seed)
+    found = replace(found, misfit=1.0 if held is None else held.misfit, beyond=beyond(found))
+    curve, worth, over = learning_curve(found, seed) if thorough else (), worth_freeing(found), workspace(found, seed=seed)
+    record = identified_record(found, inputs, held, curve, worth=worth, findings=findings, over=over)
+    return Judged(found, held, over, record)
+
+
+def write_identification(out: Path, robot: AnyRobot, of: Judged, language: str) -> list[str]:
+    """robot.toml, robot.urdf of a serial arm, workspace.csv, report.html and, last, identified.json into the folder; their names."""
+    result = corrected(robot, of.found)
+    write_robot(out / "robot.toml", result)
+    if isinstance(result, Robot):  # URDF has words for serial arms alone
+        write_urdf(out / "robot.urdf", result)
+    if of.over is not None:
+        files.write_table(out / "workspace.csv", of.over.columns())
+    write_robot_page(out / "report.html", of.found, of.record, of.over, language=language)
+    write_record(out / "identified.json", of.record | nominal_frames(robot))
+    urdf, space = ["robot.urdf"] * isinstance(result, Robot), ["workspace.csv"] * (of.over is not None)
+    return ["identified.json", "robot.toml", *urdf, "report.html", *space]
+
 
 LOOP_STAGES = IDENTIFY, CORRECT, AGAIN, CERTIFY_AGAIN = (
     message("demo.identify_robot"),

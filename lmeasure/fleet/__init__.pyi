@@ -1,4 +1,11 @@
-from .catalogue import Catalogue as Catalogue, Outcome as Outcome
-from .items import Item as Item, read_items as read_items
-from .store import Store as Store, StoreError as StoreError, digest_of as digest_of
-from .workers import LostError as LostError, outcomes as outcomes
+from .catalogue import (
+    Catalogue as Catalogue,
+    Item as Item,
+    LostError as LostError,
+    Outcome as Outcome,
+    Store as Store,
+    StoreError as StoreError,
+    digest_of as digest_of,
+    outcomes as outcomes,
+    read_items as read_items,
+)

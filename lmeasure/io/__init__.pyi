@@ -19,6 +19,7 @@ from .foreign.layout import (
 )
 from .foreign.table import TIMES as TIMES, UNIT_TOLERANCE as UNIT_TOLERANCE, ForeignTable as ForeignTable
 from .models import (
+    Keys as Keys,
     Name as Name,
     Strict as Strict,
     Whole as Whole,
@@ -26,6 +27,7 @@ from .models import (
     complaint as complaint,
     complaints as complaints,
     gathered as gathered,
+    loads as loads,
     of_key as of_key,
     refuse as refuse,
     reported as reported,
@@ -43,4 +45,3 @@ from .safe_open import (
 )
 from .schemas import FILE_KINDS as FILE_KINDS, shipped as shipped
 from .tables import PIECE_ROWS as PIECE_ROWS, decoded_bytes as decoded_bytes
-from .toml_lines import Keys as Keys, loads as loads

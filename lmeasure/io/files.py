@@ -22,9 +22,9 @@ import pyarrow.parquet
 import tomli_w
 
 from lmeasure.core import FileFormatError, LMeasureError, TextArray
+from lmeasure.io.models import Document, loads
 from lmeasure.io.safe_open import os_reason, read_regular, sha256 as sha256
 from lmeasure.io.tables import Table as Table, read_table as read_table, read_table_in_pieces as read_table_in_pieces
-from lmeasure.io.toml_lines import Document, loads
 from lmeasure.text import joined, message
 
 LARGEST_TOML = 1 << 26

@@ -1,5 +1,5 @@
 from .attainment import Attainment as Attainment, in_program_frame as in_program_frame
-from .characteristic import key_of as key_of
+from .characteristic import CertificationSettings as CertificationSettings, key_of as key_of
 from .clause import Clause as Clause, IsoTest as IsoTest, Quantity as Quantity
 from .clauses import quantity_of as quantity_of, trend_names as trend_names
 from .evaluation import (
@@ -22,8 +22,12 @@ from .program.campaign import (
     largest_cube as largest_cube,
     timed as timed,
 )
-from .program.command_files import read_commands as read_commands, write_campaign as write_campaign, write_commands as write_commands
+from .program.command_files import (
+    read_commands as read_commands,
+    simulate_robot as simulate_robot,
+    write_campaign as write_campaign,
+    write_commands as write_commands,
+    write_robot_run as write_robot_run,
+)
 from .program.command_windows import windows_from_rests as windows_from_rests
-from .program.simulated_run import simulate_robot as simulate_robot, write_robot_run as write_robot_run
-from .settings import CertificationSettings as CertificationSettings
 from .uncertainty import Spread as Spread, propagate as propagate

@@ -8,13 +8,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import CertificationError, FloatArray, IntArray, conventions, se3
-from lmeasure.iso9283.angles import convention_at
-from lmeasure.iso9283.figure import Subject
-from lmeasure.iso9283.instants import most_planes
+from lmeasure.iso9283.characteristic import CertificationSettings
+from lmeasure.iso9283.figure import Subject, convention_at
 from lmeasure.iso9283.motion_readings import Stretch
 from lmeasure.iso9283.paths import LEAST_PLANES, Crossings, crossings
-from lmeasure.iso9283.settings import CertificationSettings
-from lmeasure.iso9283.uncertainty import Moving, Part
+from lmeasure.iso9283.uncertainty import Moving, Part, most_planes
 from lmeasure.recording import Program, Windows, read_program
 from lmeasure.text import Message, message
 from lmeasure.trajectory import AttainedPose, Frame, Stamps, Trajectory, attain, window, worst_angle

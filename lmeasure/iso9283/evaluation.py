@@ -15,16 +15,21 @@ import scipy
 from lmeasure.accuracy import exact_radius_95
 from lmeasure.core import CertificationError, DataFrame, FloatArray, IntArray, Shown, framed
 from lmeasure.iso9283.attainment import attained, follows
-from lmeasure.iso9283.characteristic import Characteristic, CharacteristicKey, Conformity, Contribution, Rule, Verdict
+from lmeasure.iso9283.characteristic import (
+    CertificationSettings,
+    Characteristic,
+    CharacteristicKey,
+    Conformity,
+    Contribution,
+    Rule,
+    Verdict,
+)
 from lmeasure.iso9283.clause import IsoTest, SampleErrors
 from lmeasure.iso9283.clauses import clauses_of, signed_names, tests_of
-from lmeasure.iso9283.dwells import with_windows
 from lmeasure.iso9283.figure import Figure, Subject
-from lmeasure.iso9283.instants import on_times, with_instants
-from lmeasure.iso9283.motion_readings import Motion
+from lmeasure.iso9283.motion_readings import Motion, with_windows
 from lmeasure.iso9283.paths import LEAST_PLANES, Crossings
-from lmeasure.iso9283.settings import CertificationSettings
-from lmeasure.iso9283.uncertainty import NORMAL_95, Spread, propagate
+from lmeasure.iso9283.uncertainty import NORMAL_95, Spread, on_times, propagate, with_instants
 from lmeasure.recording import Program, Run, Tolerance
 from lmeasure.text import Message, is_of, message, within
 from lmeasure.trajectory import (

@@ -1,10 +1,21 @@
-"""Figures: what is certified of which part of a program, as functions of the parts' states."""
+"""Figures: what is certified of which part of a program, as functions of the parts' states.
+
+Errors of single crossings scatter from plane to plane; a robot's deviations go on over several. Among cosines along the path the errors
+of crossings have the same power at every frequency, systematic ones the lowest alone, and a robot's power falls with frequency. What is
+observed less what the errors add is therefore averaged, by isotonic regression, to a power that falls (Barlow et al., Statistical Inference
+under Order Restrictions, 1972), and every wave made as large as that: the estimate of an unknown spectrum under known noise.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
-from lmeasure.core import FloatArray
+import numpy as np
+import scipy
+from scipy.spatial.transform import Rotation
+
+from lmeasure.core import FloatArray, IntArray, conventions
+from lmeasure.iso9283 import formulas as iso
 from lmeasure.iso9283.characteristic import CharacteristicKey
 from lmeasure.text import Message, message
 
@@ -86,3 +97,77 @@ def component(of: Function, *index: int) -> Function:
     """One component of a figure that has several."""
     at: Any = (..., *index)
     return lambda states: of(states)[at]
+
+
+PLAIN = "fanuc-wpr"
+"""Turns about the fixed X, Y and Z: the standard's a, b, c, where a controller's own angles are singular."""
+SINGULAR_DEG_PER_DEG = 10.0
+"""A turn of a degree that moves an angle by more than as many degrees: the angles are near a singular orientation and tell nothing."""
+
+
+def angles_deg(name: str, rotation: Rotation) -> FloatArray:
+    """Angles of a convention, always in degrees."""
+    values = conventions.angles_from_rotation(name, rotation)
+    return np.degrees(values) if conventions.convention(name).columns[0].endswith("_rad") else values
+
+
+def angle_rates(name: str, rotation: Rotation) -> FloatArray:
+    """(n, 3, 3) derivatives of a convention's angles [deg] by a small rotation [rad] in base axes, at n rotations."""
+    step = 1e-6
+    columns = []
+    for axis in np.eye(3):
+        there, back = (angles_deg(name, Rotation.from_rotvec(sign * step * axis) * rotation) for sign in (1.0, -1.0))
+        columns.append(iso.wrapped(there - back) / (2.0 * step))
+    return np.stack(columns, axis=-1)
+
+
+def singular(name: str, rotation: Rotation) -> bool:
+    """Whether the angles tell nothing at one of the rotations."""
+    rates = np.radians(angle_rates(name, rotation))
+    return bool(np.linalg.norm(rates, axis=(-2, -1)).max() > SINGULAR_DEG_PER_DEG)
+
+
+def convention_at(angles: str, rotation: Rotation, part: object, *, stated: bool) -> tuple[str | None, tuple[Message, ...]]:
+    """The convention in which angles at these rotations tell something, None where there is none, and what is to be said of it. stated:
+    angles were asked for, and are not replaced by others."""
+    if not singular(angles, rotation):
+        return angles, ()
+    if stated or singular(PLAIN, rotation):
+        return None, (message("angles.none", part=part, angles=angles),)
+    return PLAIN, (message("angles.other", part=part, angles=angles, instead=PLAIN),)
+
+
+KNOWN = 1e-9
+"""Waves whose errors have less than as much of the largest power are exact: directions that a plane does not have."""
+
+
+def cosines(stretch: IntArray) -> FloatArray:
+    """(q, q) orthonormal rows by rising frequency: cosines along each stretch of a path between corners, where deviations may jump;
+    stretch (q,): number of that in which each place stands."""
+    sizes = np.unique(stretch, return_counts=True)[1]
+    rows = scipy.linalg.block_diag(*(scipy.fft.dct(np.eye(k), axis=0, norm="ortho") for k in sizes))
+    frequency = np.concatenate([np.arange(k) / k for k in sizes])
+    return np.asarray(rows[np.argsort(frequency, kind="stable")])
+
+
+def reduced(waves: FloatArray, added: FloatArray, freedom: int, doubt: float) -> FloatArray:
+    """Waves (q, r, c) by rising frequency, of r cycles with that many degrees of freedom, reduced to the power that they have without what
+    errors have added (q, c).
+
+    A power of k degrees of freedom is known to sqrt((2 E^2 + 4 E S) / k), E of the errors, S without them: it is taken smaller by doubt
+    times as much, for the less the robot deviates in truth, the more the errors enlarge figures made of it.
+    """
+    power = (waves**2).sum(axis=1) / freedom
+    out = waves.copy()
+    for i in range(waves.shape[2]):
+        unknown = added[:, i] > KNOWN * added[:, i].max()
+        if not unknown.any():
+            continue
+        of_errors = added[unknown, i]
+        fitted = scipy.optimize.isotonic_regression(power[unknown, i] - of_errors, weights=of_errors**-2.0, increasing=False)
+        sizes = np.diff(fitted.blocks)
+        mean = np.repeat(np.add.reduceat(of_errors, fitted.blocks[:-1]) / sizes, sizes)
+        true = np.maximum(fitted.x, 0.0)
+        least = true - doubt * np.sqrt((2.0 * mean**2 + 4.0 * mean * true) / (np.repeat(sizes, sizes) * freedom))
+        out[unknown, :, i] *= np.sqrt(np.maximum(least, 0.0) / (true + mean))[:, None]
+    return out

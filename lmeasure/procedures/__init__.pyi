@@ -14,5 +14,4 @@ from .intermediate_check.check import (
     verdict_text as verdict_text,
 )
 from .intermediate_check.closures import Closure as Closure
-from .intermediate_check.explanation import explained as explained
-from .intermediate_check.moved_parts import Cause as Cause
+from .intermediate_check.moved_parts import Cause as Cause, explained as explained

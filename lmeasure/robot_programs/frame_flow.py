@@ -5,11 +5,14 @@ none, one or many rounds leave or what it is left with in the middle, a label wh
 of what it was called with. A motion with several states is in several frames, one without any is never made. Interrupts are not followed.
 """
 
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import accumulate
 from typing import Literal
 
 from lmeasure.core import RobotError
+from lmeasure.robot_programs.program import Span, pieces
 from lmeasure.text import message
 
 State = tuple[str, ...]
@@ -165,3 +168,149 @@ def _after_loop(block: _Block, states: States, flow: _Flow, name: str) -> States
     states = flow.exits if block.whole else states | flow.exits
     flow.exits, flow.again = outside
     return states
+
+
+NULL = "$NULLFRAME"
+FIXED = ("fixed tool", "")
+"""The frames of a motion of a workpiece that the robot holds to a tool that stands still."""
+_STATEMENT = re.compile(
+    r"^[ \t]*(?:(?P<move>S?(?:PTP|LIN|CIRC)(?:_REL)?|SPL(?:_REL)?)\b[ \t]*(?P<rest>.*)"
+    r"|(?:PTP_)?(?P<spline>SPLINE)\b(?P<header>.*)|(?P<ends>ENDSPLINE)\b"
+    r"|\$(?P<frame>BASE|TOOL)\s*(?:\.\s*\w+\s*=|=\s*(?P<value>.*))|\$IPO_MODE\s*=\s*#(?P<mode>\w+)"
+    r"|(?:GLOBAL\s+)?(?P<block>IF|ELSE|ENDIF|SWITCH|CASE|DEFAULT|ENDSWITCH|FOR|ENDFOR|WHILE|ENDWHILE|REPEAT|UNTIL|LOOP|ENDLOOP"
+    r"|DEFFCT|DEF|ENDFCT|END)\b(?:(?<=DEF)\s+(?P<def>\w+)|(?<=DEFFCT)\s+\w+\s+(?P<fct>\w+))?"
+    r"|(?P<leaves>EXIT|RETURN)\b|GOTO\s+(?P<goto>\w+)|(?P<label>\w++)[ \t]*+:[ \t]*\r?$"
+    r"|BAS\s*\(\s*#(?P<bas>BASE|TOOL)\s*,\s*(?P<number>\d{1,9})\s*\)|BAS\s*\(\s*#(?P<again>INITMOV|BASE|TOOL|EX_BASE)\b"
+    r"|FDAT_ACT\s*(?:=\s*(?:(?P<fdat>\w+)|(?P<list>\{.*\}))|(?P<part>\.))"
+    r"|(?P<call>[A-Z]\w*+)[ \t]*+\((?P<given>.*)\)|(?P<assigned>[$\w.]++[ \t]*+(?:\[[^\]\n]*\])?+[\w.]*+[ \t]*+=)(?!=))",
+    re.I | re.M,
+)
+FrameOf = Callable[[int, str, Span], str]
+"""The name of the frame that BASE or TOOL is set to, of a source and the place of the value."""
+FdatOf = Callable[[int, str], tuple[str, str] | None]
+"""The frames of an FDAT of that name that the module of a source declares."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion's source and place, kind, the place of what follows its kind, the statements of its spline, and the frames (base, tool) that
+    it may be made in, none where nothing leads to it."""
+
+    source: int
+    place: int
+    kind: str
+    rest: Span
+    spline: tuple[Span, ...]
+    states: States
+
+
+def motions(texts: Sequence[str], modules: Sequence[str], frame_of: FrameOf, fdat_of: FdatOf) -> Iterator[Motion]:
+    """All files together: subroutines of one are called in another."""
+    offsets = list(accumulate((len(text) + 1 for text in texts), initial=0))
+    events: list[Event] = []
+    moves: dict[int, tuple[int, re.Match[str], tuple[Span, ...]]] = {}
+    defined = {(modules[k], (m["def"] or m["fct"]).upper()) for k, m in _statements(texts) if m["def"] or m["fct"]}
+
+    def called(k: int, name: str) -> str:
+        own = [(modules[k], name), (name, name), *sorted(d for d in defined if d[1] == name)]
+        return ".".join(next((d for d in own if d in defined), ("", name)))
+
+    spline: tuple[Span, ...] = ()
+    here = -1
+    for k, m in _statements(texts):
+        place = offsets[k] + m.start()
+        if k != here:
+            here, spline = k, ()
+            events.append(Event(offsets[k], "begin", f"file {k}"))
+        if m["move"]:
+            moves[place] = (k, m, spline)
+            events.append(Event(place, "move"))
+        elif m["spline"] or m["ends"]:
+            spline = tuple(pieces(texts[k], m.span("header"))) if m["spline"] else ()
+        elif m["block"]:
+            # a function in a condition is called before it is known which way goes on
+            if not (m["def"] or m["fct"]):
+                events += [Event(place, "call", called(k, name)) for name, _ in functions(texts[k], m.span())]
+            events.append(_block(place, m["block"].upper(), f"{modules[k]}.{(m['def'] or m['fct'] or '').upper()}"))
+        elif m["leaves"]:
+            events.append(Event(place, "exit" if m["leaves"].upper() == "EXIT" else "return"))
+        elif m["goto"] or m["label"]:
+            events.append(Event(place, "jump" if m["goto"] else "label", (m["goto"] or m["label"]).upper()))
+        elif m["call"]:
+            events.append(Event(place, "call", called(k, m["call"].upper())))
+        elif m["assigned"]:
+            events += [Event(place, "call", called(k, name)) for name, _ in functions(texts[k], m.span())]
+        else:
+            events.append(Event(place, "set", change=_change(k, m, frame_of, fdat_of)))
+    found = states(events, ("$BASE", "$TOOL", ""))
+    for place, (k, m, around) in moves.items():
+        made = frozenset((base, tool) if mode != "TCP" else FIXED for base, tool, mode in found[place])
+        yield Motion(k, m.start("move"), m["move"].upper(), m.span("rest"), around, made)
+
+
+def calls(text: str) -> Iterator[tuple[str, int, str]]:
+    """Subroutines that are called: name, place, what they are given; of functions those that the program or an EXTFCT declares."""
+    own = {m[1].upper() for m in re.finditer(r"^[ \t]*(?:GLOBAL\s+)?(?:DEFFCT|EXTFCT)\s+\w+\s+(\w+)", text, re.I | re.M)}
+    for m in _STATEMENT.finditer(text):
+        if m["call"]:
+            yield m["call"], m.start("call"), m["given"]
+        elif m["assigned"] or (m["block"] and not (m["def"] or m["fct"])):
+            yield from ((name, m.start(), given) for name, given in functions(text, m.span()) if name in own)
+
+
+def functions(text: str, span: Span) -> Iterator[tuple[str, str]]:
+    """What looks like a call within a statement: a name in capitals, and what it is given."""
+    end = text.find("\n", span[0] + len(text[slice(*span)]) - len(text[slice(*span)].lstrip()))
+    for m in re.compile(r"\b([A-Z]\w*+)\s*+\(([^()]*+)\)", re.I).finditer(text, span[0], end if end >= 0 else len(text)):
+        yield m[1].upper(), m[2]
+
+
+def fdat_frames(text: str) -> tuple[str, str]:
+    """Base and tool of the list of an FDAT."""
+    numbers = dict(re.findall(r"(TOOL_NO|BASE_NO)\s+(\d{1,9})", text.upper()))
+    if "#TCP" in text.upper() or len(numbers) < 2:
+        return FIXED
+    return numbered("BASE", numbers["BASE_NO"]), numbered("TOOL", numbers["TOOL_NO"])
+
+
+def numbered(which: str, number: str) -> str:
+    """The name of the frame of that number; 0 is none."""
+    plain = number.lstrip("0")
+    return f"{which.upper()}_DATA[{plain}]" if plain else NULL
+
+
+def _statements(texts: Sequence[str]) -> Iterator[tuple[int, re.Match[str]]]:
+    return ((k, m) for k, text in enumerate(texts) for m in _STATEMENT.finditer(text))
+
+
+def _change(k: int, m: re.Match[str], frame_of: FrameOf, fdat_of: FdatOf) -> Callable[[State], State]:
+    """Return what a statement does to base and tool."""
+    if m["mode"]:
+        mode = m["mode"].upper()
+        return lambda s: (s[0], s[1], mode)
+    if m["fdat"] or m["list"] or m["part"] or (m["again"] and m["again"].upper() == "INITMOV"):
+        known = fdat_frames(m["list"]) if m["list"] else fdat_of(k, m["fdat"]) if m["fdat"] else None
+        both = known or ("$BASE", "$TOOL")
+        return lambda _: (*both, "")
+    which = (m["bas"] or m["again"] or m["frame"]).upper().removeprefix("EX_")
+    if m["bas"]:
+        name = numbered(which, m["number"])
+    elif m["value"]:
+        name = frame_of(k, which, m.span("value"))
+    else:
+        name = message("robot_programs.changed_in_line", name=f"${which}", line=m.string.count("\n", 0, m.end()) + 1)
+    return (lambda s: (name, *s[1:])) if which == "BASE" else (lambda s: (s[0], name, s[2]))
+
+
+def _block(place: int, word: str, name: str) -> Event:
+    if word in ("DEF", "DEFFCT"):
+        return Event(place, "begin", name)
+    if word in ("END", "ENDFCT"):
+        return Event(place, "finish")
+    if word in ("ELSE", "CASE", "DEFAULT"):
+        return Event(place, "else", whole=word != "CASE")
+    if word.startswith("END") or word == "UNTIL":
+        return Event(place, "close")
+    if word in ("IF", "SWITCH"):
+        return Event(place, "branch", word.lower())
+    return Event(place, "loop", whole=word == "LOOP")

@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from lmeasure.core import FloatArray
-from lmeasure.robot_programs import krl_flow
-from lmeasure.robot_programs.krl_flow import FIXED, NULL, Motion, fdat_frames
+from lmeasure.robot_programs import frame_flow as krl_flow
+from lmeasure.robot_programs.frame_flow import FIXED, NULL, Motion, fdat_frames
 from lmeasure.robot_programs.program import (
     EVERYWHERE,
     NUMBER,

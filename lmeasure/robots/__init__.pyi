@@ -1,15 +1,16 @@
-from .base_mount import Mounted as Mounted
-from .correction.correction import (
+from .correction.error_map import (
     NO_POSE as NO_POSE,
     Correction as Correction,
+    ErrorMap as ErrorMap,
     Limits as Limits,
     corrections as corrections,
+    error_map as error_map,
     in_keep_out as in_keep_out,
+    read_map as read_map,
     too_large as too_large,
     ways as ways,
     whole_turns as whole_turns,
 )
-from .correction.error_map import ErrorMap as ErrorMap, error_map as error_map, read_map as read_map
 from .hand_eye import GivenPoses as GivenPoses, frames as frames
 from .identification.hold_out import (
     HeldOut as HeldOut,
@@ -21,6 +22,7 @@ from .identification.hold_out import (
 )
 from .identification.identify import (
     FAMILIES as FAMILIES,
+    HALF as HALF,
     Identified as Identified,
     Settings as Settings,
     check_foreign as check_foreign,
@@ -30,18 +32,16 @@ from .identification.identify import (
     predict as predict,
     unmoved_in as unmoved_in,
 )
-from .identification.inputs import given as given
 from .identification.measurements import Measurements as Measurements, Noted as Noted
-from .identification.observability import unknown_frames as unknown_frames
-from .identification.outliers import HALF as HALF
-from .identification.plan import Plan as Plan, planned as planned, to_plan as to_plan
+from .identification.observability import Plan as Plan, planned as planned, to_plan as to_plan, unknown_frames as unknown_frames
 from .identification.reach import REGULAR as REGULAR, Allowed as Allowed, PredictionMap as PredictionMap, workspace as workspace
-from .identification.read_measurements import read_measurements as read_measurements
-from .identification.read_record import IdentifiedRobot as IdentifiedRobot, read_identified as read_identified
+from .identification.read_measurements import given as given, read_measurements as read_measurements
 from .identification.record import (
+    IdentifiedRobot as IdentifiedRobot,
     corrected as corrected,
     nominal_frames as nominal_frames,
     prediction_columns as prediction_columns,
+    read_identified as read_identified,
     record as record,
     summary as summary,
     write_record as write_record,
@@ -50,16 +50,17 @@ from .identification.slips import mended as mended
 from .model import RobotModel as RobotModel, joint_columns as joint_columns
 from .parallel.dyads import Dyad as Dyad, Minimax as Minimax, all_fitted as all_fitted, minimax as minimax, misses as misses
 from .parallel.file import ParallelFile as ParallelFile
-from .parallel.jacobians import nearness as nearness
 from .parallel.limits import PathLimits as PathLimits, checked as checked, hooke_joints as hooke_joints
-from .parallel.outline import Drawn as Drawn, drawn as drawn
+from .parallel.model import nearness as nearness
 from .parallel.study import (
+    Drawn as Drawn,
     Grid as Grid,
     Turns as Turns,
     Workspace as Workspace,
     at_poses as at_poses,
     completions as completions,
     described as described,
+    drawn as drawn,
     motion as motion,
     over_drives as over_drives,
     over_grid as over_grid,
@@ -74,12 +75,13 @@ from .robot import (
     shipped_names as shipped_names,
     write_robot as write_robot,
 )
-from .serial_robot import SerialRobot as SerialRobot
+from .serial import SerialRobot as SerialRobot
 from .simulated import (
     GRAVITY_M_S2 as GRAVITY_M_S2,
     RATED_LOAD_KG as RATED_LOAD_KG,
     RATED_SPEED_MM_S as RATED_SPEED_MM_S,
     Command as Command,
+    Mounted as Mounted,
     Performance as Performance,
     Role as Role,
     SimulatedRobot as SimulatedRobot,

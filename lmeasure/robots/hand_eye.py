@@ -26,48 +26,30 @@ class GivenPoses:
 
     poses: FloatArray
     name: str = "poses"
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """The row's number."""
-        return ("row",)
+    joint_names: tuple[str, ...] = ("row",)
+    reach_mm: float = np.inf
+    parameters: tuple[Parameter, ...] = ()
 
     @property
     def sliding(self) -> BoolArray:
-        """Not an angle."""
         return np.ones(1, np.bool_)
 
     @property
     def limits(self) -> tuple[FloatArray, FloatArray]:
-        """The first and the last row."""
         return np.zeros(1), np.full(1, len(self.poses) - 1.0)
 
-    @property
-    def reach_mm(self) -> float:
-        """Not known."""
-        return float("inf")
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """None."""
-        return ()
-
     def moved(self, change: FloatArray) -> Self:
-        """The same: there is nothing to change."""
         return self
 
     def forward(self, joints: FloatArray, side: FloatArray | None = None) -> FloatArray:
-        """(N, 7) base_from_flange of the rows."""
         return self.poses[joints[:, 0].astype(int)]
 
     def derivatives(
         self, joints: FloatArray, side: FloatArray | None = None, of: IntArray | None = None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """base_from_flange (N, 7), and no derivatives."""
         return self.forward(joints), np.zeros((len(joints), 1, 6)), np.zeros((len(joints), 0, 6))
 
     def inverse(self, pose: FloatArray, seed: int = 0) -> FloatArray:
-        """Rows with this very pose."""
         return np.flatnonzero(np.abs(self.poses - pose).max(axis=1) < 1e-9)[:, None].astype(np.float64)
 
 

@@ -21,8 +21,7 @@ from pydantic import Field, model_validator
 from lmeasure.core import BoolArray, FloatArray, IntArray, se3
 from lmeasure.io import Name, Strict, of_key
 from lmeasure.linkages import SINGULAR, End, RodLinks, driven, pluecker_rows
-from lmeasure.robots.file_fields import Length, Place, legs_with, named_once
-from lmeasure.robots.model import Parameter
+from lmeasure.robots.model import Length, Parameter, Place, legs_with, named_once
 from lmeasure.text import message
 
 LEGS = 6
@@ -69,12 +68,10 @@ class Platform:
 
     @property
     def sliding(self) -> BoolArray:
-        """(m,) all of them."""
         return np.ones(len(self.base), np.bool_)
 
     @property
     def limits(self) -> tuple[FloatArray, FloatArray]:
-        """(m,) least and largest joint values."""
         return self.low, self.high
 
     @cached_property
@@ -96,7 +93,6 @@ class Platform:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Leg by leg its base point, platform point and offset; then the scales, and the rods' points and lengths."""
         out = []
         for i, leg in enumerate(self.joint_names):
             out += self._points(leg, self.base[i], self.platform[i])
@@ -119,11 +115,9 @@ class Platform:
 
     @property
     def reach_mm(self) -> float:
-        """Not bounded: lengths that no pose has are determined by `forward`."""
         return float("inf")
 
     def moved(self, change: FloatArray) -> Self:
-        """The platform with changes (p,) added to its parameters."""
         m, whole = len(self.base), np.zeros(len(self._own))
         whole[self._own] = change
         own, rods = whole[: 7 * m].reshape(m, 7), whole[8 * m :].reshape(-1, 7)
@@ -147,7 +141,6 @@ class Platform:
         return self.rows(poses)[1]
 
     def forward(self, joints: FloatArray, side: FloatArray | None = None) -> FloatArray:
-        """(N, 7) base_from_flange at joint values (N, m); NaN where no pose has these lengths."""
         wanted = self.scale * np.asarray(joints, dtype=np.float64) + self.offset
         poses, good = driven(self.rows, np.tile(self.home, (len(wanted), 1)), wanted, self.size_mm)
         if len(self.base) == LEGS:
@@ -162,8 +155,6 @@ class Platform:
     def derivatives(
         self, joints: FloatArray, side: FloatArray | None = None, of: IntArray | None = None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """base_from_flange (N, 7), and twists (omega; v) at the base's origin: (N, m, 6) by joint values and (N, p, 6) by the parameters of
-        these indices, by default all."""
         poses = self.forward(joints)
         back = np.full((len(poses), 6, len(self.base)), np.nan)
         known = ~np.isnan(poses[:, 0])
@@ -202,7 +193,6 @@ class Platform:
         return out
 
     def inverse(self, pose: FloatArray, seed: int = 0) -> FloatArray:
-        """(1 or 0, m) joint values that take the flange to the pose (7,): there are no others."""
         joints = (self.lengths(pose[None]) - self.offset) / self.scale
         return joints[((joints >= self.low) & (joints <= self.high)).all(axis=1) & self.assembled(pose[None])]
 

@@ -10,11 +10,10 @@ from pydantic import Field, model_validator
 
 from lmeasure.core import FloatArray, RobotError
 from lmeasure.io import Name, Strict, checked, files, of_key
-from lmeasure.robots.file_fields import Angle, Frame, Length, Place, Small, named_once
+from lmeasure.robots.model import Angle, Frame, Length, Place, Small, named_once
 from lmeasure.robots.parallel.file import ParallelFile
 from lmeasure.robots.platform import PlatformFile
-from lmeasure.robots.serial import Coupling, SerialArm
-from lmeasure.robots.serial_robot import GRAVITY_M_S2, SerialRobot
+from lmeasure.robots.serial import GRAVITY_M_S2, Coupling, SerialArm, SerialRobot
 from lmeasure.text import message
 
 SCHEMA = "lmeasure.robot/1"

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.core import MAX_LENGTH_MM, FloatArray, RobotError, se3
 from lmeasure.io import files, read_regular
 from lmeasure.robots.robot import GEOMETRY, MOST_JOINTS, Joint, Prismatic, Robot, robot_from_dict, serial
-from lmeasure.robots.serial_robot import NEARLY_PARALLEL
+from lmeasure.robots.serial import NEARLY_PARALLEL
 from lmeasure.robots.urdf_tree import CARRIED, MOVING, Branch, Mimic, Tree
 from lmeasure.text import message
 

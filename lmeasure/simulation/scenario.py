@@ -242,7 +242,7 @@ def simulate(scenario: Scenario, rig: Rig, went: tuple[FloatArray, FloatArray] |
     """Run the forward model; the same scenario and rig give the same counts. GeometryError when a cable cannot run at a pose.
 
     went: times (n,) and poses (n, 7) of what was moved otherwise than straight through the waypoints; a scenario's robot needs them
-    (`lmeasure.iso9283.program.simulated_run`), FileFormatError without.
+    (`lmeasure.iso9283.program.command_files`), FileFormatError without.
     """
     rng = np.random.default_rng(scenario.seed)
     run, campaign = None, None

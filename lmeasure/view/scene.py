@@ -11,8 +11,26 @@ import rerun.blueprint as rrb
 from lmeasure.core import FloatArray
 from lmeasure.recording import Program
 from lmeasure.rig import Rig
-from lmeasure.view.recording import cable_colour, entity_path, named, recording, send_measurements, send_scalars, shown, time_indexes
-from lmeasure.view.space import GREY, MAX_PATH_POINTS, PLAIN, THICK, THIN, Thinned, draw_path, log_rig, metres, send_tool
+from lmeasure.view.recording import (
+    GREY,
+    MAX_PATH_POINTS,
+    PLAIN,
+    THICK,
+    THIN,
+    Thinned,
+    cable_colour,
+    draw_path,
+    entity_path,
+    log_rig,
+    metres,
+    named,
+    recording,
+    send_measurements,
+    send_scalars,
+    send_tool,
+    shown,
+    time_indexes,
+)
 
 STEP_MM = 10.0
 """Largest distance between the drawn points of a commanded path."""

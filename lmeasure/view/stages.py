@@ -5,37 +5,178 @@ Known poses and a calibration's record have plots and notes of their own.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 import xarray as xr
 
+from lmeasure.accuracy import stated_radii_95
 from lmeasure.acquisition import Samples
-from lmeasure.core import FloatArray, LMeasureError
+from lmeasure.core import WORDS, FloatArray, IntArray, LMeasureError, Status, se3
+from lmeasure.linkages import LINKS, incidence
 from lmeasure.recording import Counts, Poses, Run, RunHead, read_counts
 from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.robots import ParallelFile, drawn, motion, nearness
 from lmeasure.sensors import LengthResiduals, Lengths, length_residuals
+from lmeasure.structure import Linkage, described_lines
 from lmeasure.text import message, signs
 from lmeasure.trajectory import Each, Trajectory, align
-from lmeasure.view.recording import CableSeries, cable_colour, entity_path, indexes_at, named, recording, send_scalars, shown, time_indexes
-from lmeasure.view.space import (
+from lmeasure.view.recording import (
+    CABLE,
     GREY,
     MAX_FRAMES,
+    MAX_PATH_POINTS,
     PLAIN,
+    THICK,
     TRUTH_COLOUR,
+    CableSeries,
     Thinned,
+    cable_colour,
+    changed_rows,
     draw_frames,
+    draw_shaded_path,
+    entity_path,
+    indexes_at,
     log_path,
     log_reference,
     log_rig,
     log_zone,
     metres,
+    named,
+    recording,
+    send_measurements,
+    send_scalars,
     send_tool,
+    shown,
     thinned_note,
+    time_indexes,
 )
-from lmeasure.view.trajectory import TrajectoryLog, log_trajectory
+
+GOOD, BAD = (0, 130, 95), (213, 94, 0)
+PLACE = ("x_mm", "y_mm", "z_mm")
+SERIES = {"u_position_mm": ("u_x_mm", "u_y_mm", "u_z_mm"), "u_rotation_rad": ("u_rx_rad", "u_ry_rad", "u_rz_rad")}
+
+
+def log_trajectory(rec: rr.RecordingStream, rig: Rig, trajectory: Trajectory, errors: Mapping[str, FloatArray]) -> list[str]:
+    """Everything a trajectory holds; returns what the reader must know."""
+    log = TrajectoryLog(rec, rig)
+    log.add(trajectory)
+    indexes = time_indexes(trajectory.time_s)
+    columns = trajectory.columns()
+    for name, values in errors.items():
+        if f"u_{name}" in columns:
+            send_measurements(rec, entity_path("errors", name), indexes, values, u=columns[f"u_{name}"])
+        else:
+            send_scalars(rec, entity_path("errors", name), indexes, values)
+    return log.end()
+
+
+class TrajectoryLog:
+    """A trajectory on its way into a recording: give it one piece after the other, then end it.
+
+    Tool, scalars and statuses go out with their piece; of the poses only those are held at which cables and the path are drawn: a few
+    thousand and those where the status changes.
+    """
+
+    def __init__(self, rec: rr.RecordingStream, rig: Rig) -> None:
+        self._rec, self._rig = rec, rig
+        self._frames = Thinned(MAX_FRAMES, 8)  # time and pose
+        self._path = Thinned(MAX_PATH_POINTS, 5)  # place, whether it is known, its 95 % radius
+        self._statuses = _Statuses(rec)
+        # until a pose is known
+        self._place_only = len({c.to_point for c in rig.cable}) == 1
+        self._covers = ""
+        self._notes: dict[str, None] = {}
+
+    def add(self, piece: Trajectory) -> None:
+        """Take the next samples."""
+        rec, first = self._rec, self._frames.seen
+        indexes = time_indexes(piece.time_s, first)
+        known = ~np.isnan(piece.poses[:, 0])
+        if known.any():
+            self._place_only = bool(np.isnan(piece.poses[known, 3]).all())
+        send_tool(rec, indexes, piece.poses, place_only=self._place_only)
+        send_scalars(rec, "/worst_pressure_angle_deg", indexes, piece.worst_pressure_angle_deg)
+        columns = piece.columns()
+        for name in PLACE:
+            send_measurements(rec, f"/position_mm/{name}", indexes, columns[name], u=columns[f"u_{name}"])
+        for group, names in SERIES.items():
+            for name in names:
+                send_scalars(rec, f"/{group}/{name}", indexes, columns[name])
+        changes = self._statuses.add(piece, first)
+        self._frames.add(np.column_stack([piece.time_s, piece.poses]), changes)
+        ok = piece.status == Status.OK
+        before = self._path.rows[-1, 3] if len(self._path) else None
+        radii = stated_radii_95((piece.random + piece.systematic)[:, 3:, 3:])
+        self._path.add(np.column_stack([piece.poses[:, :3], ok, radii]), changed_rows(ok, before))
+        self._covers = piece.covers
+        self._notes |= dict.fromkeys(piece.notes)
+
+    def end(self) -> list[str]:
+        """Draw what goes over the whole run; returns what the reader must know."""
+        self._statuses.end(self._frames.seen)
+        frames, path = self._frames, self._path
+        for i in range(0, len(frames), MAX_FRAMES):
+            part = slice(i, i + MAX_FRAMES)
+            indexes = indexes_at(frames.rows[part, 0], frames.numbers[part])
+            draw_frames(self._rec, self._rig, indexes, frames.rows[part, 1:], place_only=self._place_only, looks=i == 0)
+        notes = [message("trajectory.uncertainties", covers=self._covers), *self._notes, *thinned_note(frames)]
+        return notes + draw_shaded_path(self._rec, "/world/path", path)
+
+
+@dataclass
+class _Stretch:
+    """Samples of one status, from the first on."""
+
+    first: int
+    time_s: float
+    status: int
+    cause: str
+    cable: str
+
+    def text(self, last: int) -> str:
+        detail = f": {self.cause}" * bool(self.cause) + f", cable {self.cable}" * bool(self.cable)
+        return f"samples {self.first} to {last}: {WORDS[self.status]}{detail}"
+
+
+class _Statuses:
+    """Statuses as a log and a lane. A stretch of samples is said when it is known where it ends."""
+
+    def __init__(self, rec: rr.RecordingStream) -> None:
+        self._rec = rec
+        self._open: _Stretch | None = None
+        shades = [GOOD if status == Status.OK else BAD for status in Status]
+        rec.log("/status_lane", rr.StateConfiguration(values=WORDS, colors=shades), static=True)
+
+    def add(self, piece: Trajectory, first: int) -> IntArray:
+        """Take the next samples, of which the first has that number; the rows at which something changes."""
+        was = self._open
+        causes = piece.cause
+        columns = (piece.status, was and was.status), (causes, was and was.cause), (piece.cable, was and was.cable)
+        rows = np.unique(np.concatenate([changed_rows(values, before) for values, before in columns]))
+        begun = [_Stretch(first + i, float(piece.time_s[i]), int(piece.status[i]), causes[i], str(piece.cable[i])) for i in rows.tolist()]
+        stretches = [was, *begun] if was is not None else begun
+        self._say(stretches[:-1], [s.first - 1 for s in stretches[1:]])
+        self._open = stretches[-1]
+        return rows
+
+    def end(self, samples: int) -> None:
+        """The run has that many samples."""
+        if self._open is not None:
+            self._say([self._open], [samples - 1])
+
+    def _say(self, stretches: list[_Stretch], last: list[int]) -> None:
+        if not stretches:
+            return
+        at = indexes_at(np.array([s.time_s for s in stretches]), np.array([s.first for s in stretches]))
+        texts = [s.text(i) for s, i in zip(stretches, last, strict=True)]
+        levels = ["INFO" if s.status == Status.OK else "WARN" for s in stretches]
+        self._rec.send_columns("/status", at, rr.TextLog.columns(text=texts, level=levels))
+        self._rec.send_columns("/status_lane", at, rr.StateChange.columns(state=[WORDS[s.status] for s in stretches]))
 
 
 def log_truth(rec: rr.RecordingStream, rig: Rig, run: Run, poses: FloatArray) -> list[str]:
@@ -272,3 +413,115 @@ def growing_counts(path: Path, channels: tuple[str, ...], passage: int = 1) -> I
         yield append
     finally:
         rec.disconnect()
+
+
+PLATFORM, BOUNDARY, LEAST = (86, 150, 255), (120, 220, 120), (190, 120, 255)
+FACES = np.array([(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)], dtype=np.uint32)
+MEASURES = {"determinant": "determinant", "mm_per_mm": "rim", "worst_pressure_angle_deg": "pressure_angle"}
+
+
+def write_structure_recording(path: Path, name: str, linkage: Linkage, record: dict[str, Any], *, pose: FloatArray | None) -> None:
+    """Write links and their record (`structure.record.described`) as one .rrd; timeline `assembly`: 0 is the pose, and those of the lengths
+    behind it; timeline `way`: per mille of the way."""
+    with recording(Path(path), f"lmeasure structure {name}") as rec:
+        rec.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        labels = [point for _, point, _ in linkage.names]
+        rec.log("/world/base", rr.Points3D(metres(linkage.base), radii=THICK, colors=PLAIN, labels=labels), static=True)
+        poses = [] if pose is None else [(0, pose)]
+        for i, one in enumerate(record.get("assemblies", []), 1):
+            poses.append((i, np.array([*one["position_mm"], *one["quaternion_xyzw"]])))
+        for number, at in poses:
+            rec.set_time("assembly", sequence=number)
+            _log_platform(rec, linkage, at)
+            _log_tetrahedra(rec, linkage, at)
+        rec.reset_time()
+        if "least_seen_screw" in record and pose is not None:
+            screw, size = record["least_seen_screw"], float(np.ptp(linkage.base, axis=0).max()) / 2.0
+            way = size * np.array(screw["direction"])
+            foot = np.array(screw["point_mm"])
+            rec.log(
+                "/world/screw_seen_least",
+                rr.Arrows3D(origins=metres(foot - way / 2.0), vectors=metres(way), colors=LEAST, radii=THICK),
+                static=True,
+            )
+        for k, piece in enumerate(record.get("boundary", {}).get("slices", [])):
+            places = np.array(piece["places_mm"])
+            strip = np.vstack([places, places[:1]]) if piece["closed"] else places
+            rec.log(f"/world/boundary/{k}", rr.LineStrips3D([metres(strip)], colors=BOUNDARY, radii=CABLE), static=True)
+        if "way" in record:
+            _log_way(rec, linkage, record["way"])
+        lines = "\n".join(f"- {shown(line).strip()}" for line in described_lines(record))
+        rec.log("/notes", rr.TextDocument(f"# {name}\n\n{lines}\n", media_type=rr.MediaType.MARKDOWN), static=True)
+        rec.send_blueprint(_structure_blueprint("way" in record), make_active=True, make_default=True)
+
+
+def _log_platform(rec: rr.RecordingStream, linkage: Linkage, pose: FloatArray) -> None:
+    points = se3.apply(pose, linkage.platform)
+    outline = metres(np.vstack([np.unique(points, axis=0), points[:1]]))
+    rec.log("/world/platform", rr.LineStrips3D([outline], colors=PLATFORM, radii=THICK))
+    rec.log("/world/platform/points", rr.Points3D(metres(points), radii=THICK, colors=PLATFORM, labels=[p for _, _, p in linkage.names]))
+    strips = metres(linkage.strips(pose))
+    rec.log("/world/links", rr.LineStrips3D(list(strips), colors=[cable_colour(i) for i in range(len(strips))], radii=CABLE))
+
+
+def _log_tetrahedra(rec: rr.RecordingStream, linkage: Linkage, pose: FloatArray) -> None:
+    """Those by which the assemblies are found, where there are such."""
+    if len(linkage.base) != LINKS:
+        return
+    found = incidence(linkage.base, linkage.platform)
+    place: dict[tuple[str, int], FloatArray] = {}
+    for number, (p, b) in zip(found.order, found.structure.links, strict=True):
+        place["P", p], place["B", b] = se3.apply(pose, linkage.platform[number]), linkage.base[number]
+    for n, (side, i, corners) in enumerate(found.structure.placements or (), 1):
+        points = np.array([place[side, i], *(place[c] for c in corners)])
+        colour = (*cable_colour(n), 60)
+        mesh = rr.Mesh3D(vertex_positions=metres(points), triangle_indices=FACES, albedo_factor=colour)
+        rec.log(f"/world/tetrahedra/{n}", mesh)
+
+
+def _log_way(rec: rr.RecordingStream, linkage: Linkage, way: dict[str, Any]) -> None:
+    rec.log("/world/way", rr.LineStrips3D([metres(np.array(way["position_mm"]))], colors=GREY, radii=CABLE), static=True)
+    for key in MEASURES:
+        for share, value in zip(way["share"], way[key], strict=True):
+            if value is not None:
+                rec.set_time("way", sequence=round(1000.0 * share))
+                rec.log(f"/way/{key}", rr.Scalars(value))
+    rec.reset_time()
+
+
+def _structure_blueprint(way: bool) -> rrb.Blueprint:
+    space: rrb.View = rrb.Spatial3DView(name=named("structure"), origin="/world", line_grid=rrb.LineGrid3D(visible=False))
+    notes: rrb.View = rrb.TextDocumentView(name=named("notes"), origin="/notes")
+    right: list[rrb.View] = [rrb.TimeSeriesView(name=named(name), origin=f"/way/{key}") for key, name in MEASURES.items()] if way else []
+    return rrb.Blueprint(rrb.Horizontal(space, rrb.Vertical(*right, notes), column_shares=[3, 2]), rrb.TimePanel(state="expanded"))
+
+
+ARM, LEG = (124, 58, 237), (234, 120, 60)
+
+
+def write_mechanism_recording(path: Path, file: ParallelFile) -> None:
+    """Write the motion as one .rrd; timeline `step`."""
+    robot = file.model
+    poses, joints = motion(file)
+    near = nearness(robot.jacobians(poses, joints).output, robot.units)
+    with recording(Path(path), f"lmeasure mechanism {file.name}") as rec:
+        rec.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        rec.log("/world/base", rr.LineStrips3D([metres(s) for s in drawn(file, robot.home).base], colors=GREY, radii=CABLE), static=True)
+        for step, (pose, q) in enumerate(zip(poses, joints, strict=True)):
+            rec.set_time("step", sequence=step)
+            at = drawn(file, pose)
+            rec.log("/world/legs", rr.LineStrips3D([metres(s) for s in at.legs], colors=LEG, radii=CABLE))
+            if at.arms:
+                rec.log("/world/arms", rr.LineStrips3D([metres(s) for s in at.arms], colors=ARM, radii=THICK))
+            rec.log("/world/platform", rr.LineStrips3D([metres(at.platform)], colors=PLATFORM, radii=THICK))
+            for name, slides, value in zip(robot.joint_names, robot.sliding, q, strict=True):
+                unit = "mm" if slides else "deg"
+                rec.log(f"/joints/{unit}/{name}", rr.Scalars(float(value if slides else np.degrees(value))))
+            rec.log("/nearness", rr.Scalars(float(near[step])))
+        rec.reset_time()
+        space = rrb.Spatial3DView(name=file.name, origin="/world", line_grid=rrb.LineGrid3D(visible=False))
+        units = dict.fromkeys("mm" if slides else "deg" for slides in robot.sliding)
+        views: list[rrb.View] = [rrb.TimeSeriesView(name=named("joints", unit=unit), origin=f"/joints/{unit}") for unit in units]
+        views.append(rrb.TimeSeriesView(name=named("nearness"), origin="/nearness"))
+        layout = rrb.Horizontal(space, rrb.Vertical(*views), column_shares=[3, 2])
+        rec.send_blueprint(rrb.Blueprint(layout, rrb.TimePanel(state="expanded")), make_active=True, make_default=True)

@@ -24,7 +24,7 @@ from urllib.parse import quote, urlsplit
 from lmeasure.core import LMeasureError
 from lmeasure.io import os_reason
 from lmeasure.text import message
-from lmeasure.view.viewer import check_recording
+from lmeasure.view.recording import check_recording
 
 LOOPBACK = "127.0.0.1"
 HERE = ("127.0.0.1", "localhost")

@@ -1,6 +1,6 @@
 """Each command, once: settings in, result out; command lines, pages and scripts use it.
 
-A workflow is a module with `Settings`, a model of its options, and `run(settings, progress)`, which reads, calls the stages, writes
+A workflow `zone` is `ZoneSettings`, a model of its options, and `run_zone(settings, progress)`, which reads, calls the stages, writes
 every file, and gives a `Result`. `registry` lists them; none is loaded before it is used.
 """
 

@@ -1,3 +1,4 @@
+from .capture import own_bus as own_bus
 from .flow import Progress as Progress, Result as Result
 from .options import (
     Option as Option,
@@ -13,7 +14,6 @@ from .options import (
     with_commas as with_commas,
     written as written,
 )
-from .play import own_bus as own_bus
 from .registry import (
     COMMANDS as COMMANDS,
     JOBS as JOBS,

@@ -35,9 +35,7 @@ CATALOGUE = "catalogue.sqlite"
 NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 
-class Settings(Asked):
-    """Settings of `lmeasure batch`."""
-
+class BatchSettings(Asked):
     command: Annotated[
         Literal["import", "reconstruct", "calibrate", "identify", "certify", "verify", "motion", "zone", "place", "simulate", "correct"],
         option("Command to do for each item.", metavar="COMMAND", positional=True),
@@ -65,11 +63,9 @@ class Settings(Asked):
         return str(value) if isinstance(value, Path) else value
 
     def following(self) -> str:
-        """Return the batch of the next stage, where one takes what was written."""
         return then(FOLLOWING.get(self.command, "workbench"), out=self.out)
 
     def paths(self) -> Paths:
-        """A store, which is continued."""
         return Paths()
 
 
@@ -86,7 +82,7 @@ class Task:
 
 
 @workflow
-def run(settings: Settings, progress: Progress = silent) -> "Result[dict[str, object]]":
+def run_batch(settings: BatchSettings, progress: Progress = silent) -> Result:
     """Do what is not done yet, keep each outcome as it comes, and write the summary."""
     from lmeasure.fleet import Catalogue, LostError, Outcome, Store, outcomes, read_items
 
@@ -153,7 +149,7 @@ MOST_LINES = 10
 """Of failures on the screen."""
 
 
-def _options(settings: Settings, model: type[Asked], subject: str) -> dict[str, str]:
+def _options(settings: BatchSettings, model: type[Asked], subject: str) -> dict[str, str]:
     """Return the options that all items have; SettingsError for one that the command has not."""
     own = {"out", subject, "force", "report", "rerun", "browser"}
     known = sorted(name for name in model.model_fields if name not in own)
@@ -280,7 +276,7 @@ def _failed(task: Task, line: str) -> "Outcome":
     return Outcome(task.command, item.robot, item.day, item.name, "failed", " ".join(line.split()), version=task.version)
 
 
-def _summary(store: "Store", settings: Settings, found: "Sequence[Outcome]") -> tuple[Path, ...]:
+def _summary(store: "Store", settings: BatchSettings, found: "Sequence[Outcome]") -> tuple[Path, ...]:
     """Write the items as a table, the figures as a dataset by robot and day, and the page; return them where they are files here."""
     from lmeasure.report import FleetItem, write_fleet_page
 

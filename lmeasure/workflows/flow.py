@@ -5,7 +5,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from pathlib import Path
-from typing import Concatenate, Generic, ParamSpec, TypeVar, cast
+from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
 from lmeasure.core import CancelledError, LMeasureError
 from lmeasure.io import abandoned
@@ -13,7 +13,6 @@ from lmeasure.text import Message, message, plain
 from lmeasure.workflows.outputs import writing
 from lmeasure.workflows.settings import Asked, Writing
 
-Made = TypeVar("Made")
 Given = TypeVar("Given", bound=Asked)
 More = ParamSpec("More")
 
@@ -50,12 +49,12 @@ def steps(progress: Progress, text: str) -> Callable[[int, int], None]:
 
 
 @dataclass(frozen=True)
-class Result(Generic[Made]):
+class Result:
     """What a workflow gives: what was made, what a person is given of it, line by line, with figures by name and warnings for those who do
     not read lines, and the files written. failure: why what was made is not what was asked for, though it is kept; exit_code: as a
     command's; next: the command to type next; page: a page to open; details: more lines, for those who ask for all."""
 
-    made: Made
+    made: Any
     summary: tuple[str, ...]
     figures: Mapping[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
@@ -67,11 +66,11 @@ class Result(Generic[Made]):
     details: tuple[str, ...] = ()
 
 
-def workflow(work: Callable[Concatenate[Given, More], Result[Made]]) -> Callable[Concatenate[Given, More], Result[Made]]:
+def workflow(work: Callable[Concatenate[Given, More], Result]) -> Callable[Concatenate[Given, More], Result]:
     """Apply the rule of `lmeasure.workflows.outputs` to the work of a command, and list what it has written."""
 
     @wraps(work)
-    def run(settings: Given, *args: More.args, **more: More.kwargs) -> Result[Made]:
+    def run(settings: Given, *args: More.args, **more: More.kwargs) -> Result:
         outputs, inputs = settings.paths()
         force = isinstance(settings, Writing) and settings.force
         with writing(outputs, inputs, force=force) as written, _of_unlikely(inputs) as unlikely:
@@ -85,7 +84,7 @@ def workflow(work: Callable[Concatenate[Given, More], Result[Made]]) -> Callable
             next=result.next or settings.following(),
         )
 
-    return cast(Callable[Concatenate[Given, More], Result[Made]], run)
+    return cast(Callable[Concatenate[Given, More], Result], run)
 
 
 def _plain(text: str) -> str:

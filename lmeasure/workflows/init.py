@@ -3,16 +3,16 @@
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from lmeasure.core import SettingsError
 from lmeasure.text import composed, message, of_terminal
-from lmeasure.workflows.flow import Progress, Result, inside, silent, sizes_of, workflow
-from lmeasure.workflows.settings import BROWSER, Paths, Writing, option, then
+from lmeasure.workflows.flow import Progress, Result, inside, present, silent, sizes_of, steps, workflow
+from lmeasure.workflows.settings import BROWSER, RERUN, Paths, Recording, Writing, option, then
 
 if TYPE_CHECKING:
-    from lmeasure.rig import Rig
     from lmeasure.templates import Answers, Template
+
 
 MOST_MM = 1e6
 LEAST_MM = 1e-9
@@ -23,9 +23,7 @@ Ask = Callable[[str, str], str]
 """Is given a question and the answer that Enter gives; gives the answer."""
 
 
-class Settings(Writing):
-    """Settings of `lmeasure init`."""
-
+class InitSettings(Writing):
     out: Annotated[
         Path,
         option(
@@ -42,11 +40,9 @@ class Settings(Writing):
     browser: Annotated[bool, BROWSER] = True
 
     def following(self) -> str:
-        """Return the command that lists the adapters of this machine, or writes a rig."""
         return then("init my-cell --template six-cables" if self.list else "scan")
 
     def paths(self) -> Paths:
-        """A rig, and what goes with it."""
         if self.list:
             return Paths()
         names = ("rig", "drums", "placement", "scenario")
@@ -56,7 +52,7 @@ class Settings(Writing):
 
 
 @workflow
-def run(settings: Settings, progress: Progress = silent, *, ask: Ask | None = None) -> "Result[Rig | None]":
+def run_init(settings: InitSettings, progress: Progress = silent, *, ask: Ask | None = None) -> Result:
     """Write the files; ask is for what no template knows."""
     from lmeasure.templates import TEMPLATES, Answers, folder_files, rig_of, rig_text
 
@@ -163,3 +159,112 @@ def _numbers(
             continue
         code = "init.not_whole" if whole else "init.not_number" if len(default) == 1 else "init.not_numbers"
         question = message(code, answer=answer, n=len(default), question=asked)
+
+
+class PlaceSettings(Writing):
+    NEXT: ClassVar[str] = "zone {out}/rig.toml --out {out}/zone.nc"
+    rig: Annotated[Path, option("Present rig, or a first sketch of it.", metavar="RIG.toml", positional=True)]
+    task: Annotated[Path, option("Task, mounting boxes, keep-outs, tolerance.", metavar="PLACEMENT.toml")]
+    out: Annotated[Path, option("Folder for rig.toml and placement.json.", metavar="DIR")]
+    seed: Annotated[int, option("Seed of the search.", ge=0)] = 0
+    generations: Annotated[int, option("Largest number of generations of the global search.", ge=1)] = 2000
+    rerun: Annotated[Recording | None, RERUN] = None
+
+    def paths(self) -> Paths:
+        return Paths((*inside(self.out, "placement.json", "rig.toml"), *present(self.rerun)), (self.rig, self.task))
+
+
+@workflow
+def run_place(settings: PlaceSettings, progress: Progress = silent) -> Result:
+    """Search, and write the rig and the record of it."""
+    from lmeasure.accuracy import place, placement_record, read_placement
+    from lmeasure.io import files
+    from lmeasure.rig import read_rig, write_rig
+
+    wanted = read_placement(settings.task)
+    sketch = read_rig(settings.rig)
+    placed = place(sketch, wanted, settings.seed, steps(progress, "place"), generations=settings.generations)
+    record = placement_record(placed, settings.seed)
+    files.write_json(settings.out / "placement.json", record)
+    write_rig(settings.out / "rig.toml", placed.rig)
+    if settings.rerun is not None:
+        from lmeasure.view import write_recording
+
+        write_recording(settings.rerun, placed.rig, nominal=sketch)
+    figures = (
+        {"rigs_tried": float(placed.evaluations)}
+        | placed.after
+        | {f"before_{name}": v for name, v in placed.before.items()}
+        | placed.assumed.figures()
+    )
+    return Result(placed, tuple(placed.summary().splitlines()), figures)
+
+
+class DrumSettings(Writing):
+    NEXT: ClassVar[str] = "scan"
+    OUT_FILE: ClassVar[str] = "measured.toml"
+    measurements: Annotated[
+        Path, option("Measurements, one drum table per observation point (docs/drum.md).", metavar="MEASUREMENTS.toml", positional=True)
+    ]
+    rig: Annotated[Path, option("Rig with these drums.")]
+    out: Annotated[Path, option("Rig file to write.")]
+    point: Annotated[tuple[str, ...], option("Fill only this observation point; may be repeated.")] = ()
+
+    def paths(self) -> Paths:
+        return Paths((self.out,), (self.measurements, self.rig))
+
+
+WRITTEN = ("tangent_length_mm", "axial_offset_mm", "count_length_mm")
+
+
+@workflow
+def run_drum(settings: DrumSettings, progress: Progress = silent) -> Result:
+    """Write the rig with its drums."""
+    from lmeasure.io import files
+    from lmeasure.rig import choose, drum_geometry, drum_summary, drums_into, read_drums, rig_from_dict
+
+    before = files.read_toml(settings.rig)
+    measured = choose(read_drums(settings.measurements), list(settings.point), str(settings.measurements))
+    content = before.holding(drums_into(before, measured, str(settings.rig)))
+    rig = rig_from_dict(content, str(settings.rig))
+    progress(1.0, "drums")
+    files.rewrite_toml(settings.out, content)
+    linked = before.get("calibration")
+    dropped = message("workflow.link_dropped", file=linked)
+    notes = () if linked is None else (dropped,)
+    found = {f"{m.point}.{name}": float(getattr(drum_geometry(m), name)) for m in measured for name in WRITTEN}
+    return Result(rig, (*drum_summary(measured), *notes), found, notes)
+
+
+class SchemaSettings(Writing):
+    OUT_FILE: ClassVar[str] = "schema.json"
+    NEXT: ClassVar[str] = "init my-cell"
+    name: Annotated[
+        str | None,
+        option("Kind of file; without it, `schema` lists them.", metavar="NAME", positional=True, words="lmeasure.io.schemas:FILE_KINDS"),
+    ] = None
+    out: Annotated[Path | None, option("Write the schema to this file instead of the screen.", metavar="FILE.json")] = None
+
+    def following(self) -> str:
+        return "" if self.name is not None and self.out is None else super().following()
+
+    def paths(self) -> Paths:
+        return Paths(present(self.out))
+
+
+@workflow
+def run_schema(settings: SchemaSettings, progress: Progress = silent) -> Result:
+    """Print or write a schema."""
+    from lmeasure.io import FILE_KINDS, files, shipped
+
+    if settings.name is None:
+        row = "{name:<10} {file:<15} {text}"
+        listed = tuple(composed(row, name=name, file=kind.file, text=message(f"schema.{name}")) for name, kind in FILE_KINDS.items())
+        return Result("", listed)
+    if settings.name not in FILE_KINDS:
+        raise SettingsError("name", message("error.is_not_one_of_2", name=settings.name, templates=", ".join(FILE_KINDS)))
+    text = shipped(settings.name)
+    if settings.out is None:
+        return Result(text, (text.rstrip("\n"),))
+    files.write_text(settings.out, text)
+    return Result(text, (message("schema.first_line", file=FILE_KINDS[settings.name].file, line=f"#:schema {settings.out.name}"),))

@@ -1,21 +1,124 @@
 """Any file of ours, or of a known log format, in a page."""
 
 import json
+import os
+import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 from lmeasure.core import FileFormatError, LMeasureError
-from lmeasure.text import Message, Say, message, of_terminal
-from lmeasure.workflows.flow import Progress, Result, in_run_folder, present, silent, steps, workflow
-from lmeasure.workflows.settings import BROWSER, LANGUAGE, Paths, Writing, option, then
+from lmeasure.text import LANGUAGES, Message, Say, Versions, composed, message, of_terminal
+from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, steps, workflow
+from lmeasure.workflows.settings import (
+    ALIGN,
+    ANGLES,
+    BROWSER,
+    COLUMNS,
+    LANGUAGE,
+    START,
+    U_POSITION,
+    U_ROTATION,
+    Asked,
+    Paths,
+    Start,
+    Writing,
+    notes_of_file,
+    option,
+    refuse,
+    stated_beside,
+    then,
+)
+
+if TYPE_CHECKING:
+    from lmeasure.rig import Rig
 
 
-class Settings(Writing):
-    """Settings of `lmeasure inspect`."""
+class ReportSettings(Writing):
+    measured: Annotated[
+        Path,
+        option(
+            "Run folder, or trajectory from `reconstruct` or another instrument: .csv, .parquet, .tum, EuRoC.",
+            metavar="RUN_OR_TRAJECTORY",
+            positional=True,
+        ),
+    ]
+    out: Annotated[Path, option("Folder for trajectory.html.", metavar="DIR")]
+    rig: Annotated[Path | None, option("rig.toml to use instead of the run's own; with a trajectory: rig to draw.")] = None
+    start: Annotated[Start | None, option(f"Start pose, instead of the run's: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    constraint: Annotated[str | None, option("Constraint of a run's tool if there are too few cables: planar or vertical-axis.")] = None
+    columns: Annotated[str, COLUMNS] = ""
+    u_position_mm: Annotated[float | None, U_POSITION] = None
+    u_rotation_deg: Annotated[float | None, U_ROTATION] = None
+    angles: Annotated[str | None, ANGLES] = None
+    align: Annotated[Path | None, ALIGN] = None
+    language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
 
+    def following(self) -> str:
+        if self.measured.is_dir():
+            return then("reconstruct {run} --out {run}/trajectory.parquet", run=self.measured)
+        return then("certify {trajectory} --program program.toml --out certificate", trajectory=self.measured)
+
+    def paths(self) -> Paths:
+        start = None if self.start is None else Path(self.start)
+        read = in_run_folder(self.measured) if self.measured.is_dir() else (self.measured,)
+        return Paths(inside(self.out, "trajectory.html"), (*read, *present(self.rig, start, self.align)))
+
+
+@workflow
+def run_report(settings: ReportSettings, progress: Progress = silent) -> Result:
+    """Read or reconstruct the trajectory and write its page."""
+    return write_report(settings, settings.out / "trajectory.html", progress)
+
+
+def write_report(settings: ReportSettings, page: Path, progress: Progress) -> Result:
+    """Read or reconstruct the trajectory and write this page."""
+    from lmeasure.accuracy import along
+    from lmeasure.api import explained
+    from lmeasure.io import files
+    from lmeasure.iso9283 import in_program_frame
+    from lmeasure.recording import read_run, stated_start
+    from lmeasure.report import trajectory_summary, write_trajectory_page
+    from lmeasure.rig import read_linked_rig
+    from lmeasure.trajectory import read_trajectory, reconstruct, stamps_of
+
+    progress(0.0, "read")
+    if settings.measured.is_dir():
+        beside = ("columns", "u_position_mm", "u_rotation_deg", "angles", "align")
+        refuse(settings, message("refuse.trajectory_file"), *beside)
+        recorded = read_run(settings.measured, settings.rig, None if settings.start is None else stated_start(settings.start))
+        progress(0.2, "reconstruct")
+        rig: Rig | None = recorded.rig
+        trajectory = reconstruct(recorded, settings.constraint, judge=explained)
+        sources = [settings.measured / "run.toml", *(Path(c.source) for c in recorded.passes)]
+    else:
+        refuse(settings, message("refuse.run_folder"), "start", "constraint")
+        trajectory = read_trajectory(settings.measured, stated_beside(settings))
+        if settings.align is not None:
+            trajectory = in_program_frame(trajectory, settings.align)
+        rig = None if settings.rig is None else read_linked_rig(settings.rig)[0]
+        sources = [settings.measured]
+    progress(0.6, "report")
+    found = along(trajectory)
+    inputs = [(path.name, files.sha256(path)) for path in sources]
+    name = settings.measured.resolve().name
+    write_trajectory_page(page, name, found, rig, inputs=inputs, language=settings.language or of_terminal())
+    progress(1.0, "report")
+    rows = zip(*([f"{label}: {value}" for label, value in trajectory_summary(found, one)] for one in LANGUAGES), strict=True)
+    reported = [composed("{row}", row=Versions(dict(zip(LANGUAGES, row, strict=True)))) for row in rows]
+    figures = {"samples": float(len(trajectory.time_s)), "left_out": float(sum(s.samples for s in found.stretches if not s.ok))}
+    if found.worst is not None:
+        figures["worst_u95_position_mm"] = float(found.u95_mm[found.worst])
+    if found.motion is not None:
+        figures["largest_speed_mm_s"] = found.motion.largest_speed()[0]
+    notes = () if settings.measured.is_dir() else (*trajectory.notes, *stamps_of(trajectory).notes)
+    lines, warnings = notes_of_file(notes)
+    return Result(found, (*reported, *lines, message("line.written", files=page)), figures, warnings)
+
+
+class InspectSettings(Writing):
     OUT_FILE: ClassVar[str] = "inspect.html"
 
     file: Annotated[
@@ -28,11 +131,9 @@ class Settings(Writing):
     language: Annotated[Literal["en", "ru"] | None, LANGUAGE] = None
 
     def following(self) -> str:
-        """Return the command that begins with a rig of one's own; kinds of files have others."""
         return then("init my-cell")
 
     def paths(self) -> Paths:
-        """A page from a file or folder."""
         return Paths(present(self.out), in_run_folder(self.file) if self.file.is_dir() else (self.file,))
 
 
@@ -47,7 +148,7 @@ class Content(NamedTuple):
 
 
 @workflow
-def run(settings: Settings, progress: Progress = silent) -> Result[None]:
+def run_inspect(settings: InspectSettings, progress: Progress = silent) -> Result:
     """Say what a file is, and write its page where one is wanted."""
     path = settings.file
     progress(0.0, "read")
@@ -59,18 +160,17 @@ def run(settings: Settings, progress: Progress = silent) -> Result[None]:
     return Result(None, (content.what, *written), content.figures, next=_next(content, path), page=settings.out)
 
 
-def _write_page(out: Path, path: Path, content: Content, settings: Settings, progress: Progress) -> None:
+def _write_page(out: Path, path: Path, content: Content, settings: InspectSettings, progress: Progress) -> None:
     """Write the page of a trajectory by its own report, of anything else its picture and remarks."""
     import xarray as xr
 
     from lmeasure.certificate import Certificate
     from lmeasure.report import every_figure, figure_of, write_inspection_page, zone_lines
     from lmeasure.trajectory import Trajectory
-    from lmeasure.workflows.report import Settings as Report, write_report
 
     if isinstance(content.noun, Trajectory) or content.next.startswith("reconstruct {folder} --out"):
         with suppress(LMeasureError):  # a run without a start has no trajectory, and its counts are drawn
-            write_report(Report(measured=path, out=out.parent, language=settings.language), out, progress)
+            write_report(ReportSettings(measured=path, out=out.parent, language=settings.language), out, progress)
             return
     language = settings.language or of_terminal()
     lines: Sequence[str] = content.lines
@@ -285,3 +385,31 @@ FOLDERS: dict[str, Reader] = {
 SUFFIXES: dict[str, Reader] = {".nc": _zone, ".json": _json, ".rrd": _recording, ".zip": _certificate}
 DOCUMENTS = ("structure", "scenario", "placement", "details", "report", "drum")
 """Kinds of .toml files that are shown as they are."""
+
+
+class ViewSettings(Asked):
+    NEXT: ClassVar[str] = "workbench my-cell"
+    recording: Annotated[Path, option("Recording from an option --rerun, or from the demo.", metavar="FILE.rrd", positional=True)]
+    web: Annotated[
+        bool, option("Serve rerun's web viewer to browsers of this machine, without a display; stop with Ctrl-C.", flag="--web")
+    ] = False
+    port: Annotated[int | None, option("Port of 127.0.0.1 for --web; 0 takes a free one. [9090]", ge=0, le=65535)] = None
+
+
+def has_display() -> bool:
+    """Return whether this machine can show a window."""
+    return sys.platform in ("win32", "darwin") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+@workflow
+def run_view(settings: ViewSettings, progress: Progress = silent) -> Result:
+    """Open the viewer, or serve it to browsers where this machine has no display; progress gets the address."""
+    if settings.web or settings.port is not None or not has_display():
+        from lmeasure.view import serve
+
+        serve(settings.recording, 9090 if settings.port is None else settings.port, lambda text: progress(0.0, text))
+    else:
+        from lmeasure.view import open_viewer
+
+        open_viewer(settings.recording)
+    return Result(None, ())

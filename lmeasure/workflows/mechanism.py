@@ -32,9 +32,7 @@ PLACES = "start:stop:step of the tested positions."
 KINDS = Literal["point-on-a-line", "line-in-a-plane", "line", "point", "plane"]
 
 
-class Settings(Writing):
-    """Settings of `lmeasure mechanism`."""
-
+class MechanismSettings(Writing):
     OUT_FILE: ClassVar[str] = "mechanism.json"
     robot: Annotated[
         str,
@@ -73,13 +71,11 @@ class Settings(Writing):
     rerun: Annotated[Recording | None, RERUN] = None
 
     def following(self) -> str:
-        """Return the command that draws the mechanism, or plans poses for its calibration."""
         if self.report is None:
             return then("mechanism {robot} --report mechanism", robot=self.robot)
         return then("plan-poses --robot {robot} --poses 30 --out planned.csv", robot=self.robot)
 
     def paths(self) -> Paths:
-        """A description, a page, a recording and a table from a robot."""
         robot = Path(self.robot)
         report = () if self.report is None else inside(self.report, "mechanism.html")
         inputs = present(self.poses, robot if robot.suffix else None)
@@ -87,7 +83,7 @@ class Settings(Writing):
 
 
 @workflow
-def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any]]:
+def run_mechanism(settings: MechanismSettings, progress: Progress = silent) -> Result:
     """Describe the mechanism, and write what is asked for."""
     from lmeasure.io import files
     from lmeasure.robots import described
@@ -136,7 +132,7 @@ def run(settings: Settings, progress: Progress = silent) -> Result[dict[str, Any
     return Result(record, tuple(lines), figures)
 
 
-def _check(settings: Settings) -> None:
+def _check(settings: MechanismSettings) -> None:
     axes = (settings.x, settings.y, settings.z)
     if any(a is None for a in axes) and not all(a is None for a in axes):
         raise SettingsError("x, y, z", message("error.give_all_three_for"))
@@ -162,7 +158,7 @@ def _mechanism(name: str) -> "ParallelFile":
     return found
 
 
-def _pose(settings: Settings, file: "ParallelFile") -> "FloatArray | None":
+def _pose(settings: MechanismSettings, file: "ParallelFile") -> "FloatArray | None":
     if settings.position_mm is None and settings.quaternion is None:
         return None
     home = file.model.home
@@ -170,7 +166,9 @@ def _pose(settings: Settings, file: "ParallelFile") -> "FloatArray | None":
     return pose_with(home[:3] if settings.position_mm is None else settings.position_mm, quaternion)
 
 
-def _grid(settings: Settings, file: "ParallelFile", progress: Progress) -> "tuple[Grid | None, tuple[FloatArray, FloatArray] | None]":
+def _grid(
+    settings: MechanismSettings, file: "ParallelFile", progress: Progress
+) -> "tuple[Grid | None, tuple[FloatArray, FloatArray] | None]":
     """The workspace, and the joint values and poses that were enumerated for it."""
     from lmeasure.robots import Turns, over_drives, over_grid
 
@@ -240,7 +238,7 @@ def _told(record: dict[str, Any], grid: "Grid | None") -> list[str]:
     return lines
 
 
-def _table(settings: Settings, file: "ParallelFile", poses: Path, out: Path) -> str:
+def _table(settings: MechanismSettings, file: "ParallelFile", poses: Path, out: Path) -> str:
     """Joint values of a table's poses, or what completes them."""
     import numpy as np
 

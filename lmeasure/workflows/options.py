@@ -178,7 +178,7 @@ class Option(NamedTuple):
 
 def options_of(settings: "type[Asked]") -> tuple[Option, ...]:
     """Return all options of a command, in their order."""
-    command = settings.__module__.rpartition(".")[2].replace("import_log", "import").replace("_", "-")
+    command = re.sub(r"(?<!^)(?=[A-Z])", "-", settings.__name__.removesuffix("Settings")).lower()
     return tuple(_option(command, name, field) for name, field in fields_of(settings).items())
 
 

@@ -2,24 +2,45 @@
 
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
-from lmeasure.core import SettingsError
-from lmeasure.text import message
-from lmeasure.workflows.flow import Progress, Result, in_run_folder, present, silent, steps, workflow
-from lmeasure.workflows.settings import RERUN, START, Paths, Recording, Start, Writing, option
+from pydantic import Field, model_validator
+
+from lmeasure.core import SettingsError, TrajectoryError, pasted
+from lmeasure.text import Say, composed, message, of_terminal
+from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, steps, workflow
+from lmeasure.workflows.settings import (
+    ALIGN,
+    ANGLES,
+    BROWSER,
+    COLUMNS,
+    RERUN,
+    START,
+    TRAJECTORY,
+    U_POSITION,
+    U_ROTATION,
+    Paths,
+    Point,
+    Quaternion,
+    Recording,
+    Start,
+    Writing,
+    notes_of_file,
+    option,
+    refuse,
+    stated_beside,
+    then,
+)
 
 if TYPE_CHECKING:
-    from lmeasure.recording import Run, RunHead
-    from lmeasure.trajectory import Each, Summary, Trajectory
+    from lmeasure.recording import Run, RunHead, StatedStart
+    from lmeasure.trajectory import Each, Motion, Trajectory, Vibration
 
 
 FIRST_PART = "part-00000.parquet"
 
 
-class Settings(Writing):
-    """Settings of `lmeasure reconstruct`."""
-
+class ReconstructSettings(Writing):
     NEXT: ClassVar[str] = "report {out} --out report"
     OUT_FILE: ClassVar[str] = "trajectory.parquet"
     run: Annotated[Path, option("Run folder: run.toml, rig.toml and the counts of each pass.", metavar="RUN", positional=True)]
@@ -53,7 +74,6 @@ class Settings(Writing):
         return self.out.parent if (self.out.parent / FIRST_PART).is_file() else self.out
 
     def paths(self) -> Paths:
-        """A trajectory from a run folder."""
         out = self.out if self.scheduler is None else self.parts / FIRST_PART
         return Paths(
             (out, *((self.curve,) if self.continuous else ()), *present(self.rerun)),
@@ -62,7 +82,7 @@ class Settings(Writing):
 
 
 @workflow
-def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory | Summary]":
+def run_reconstruct(settings: ReconstructSettings, progress: Progress = silent) -> Result:
     """Reconstruct and write, piece by piece where the run can be: then what was made is a summary, as the whole is held nowhere."""
     from lmeasure.api import explained
     from lmeasure.recording import read_run, read_run_head, stated_start
@@ -101,7 +121,7 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[Trajectory |
     return _written(settings, recorded, trajectory, progress)
 
 
-def _in_parts(settings: Settings, head: "RunHead", progress: Progress, *, whole: bool) -> "Result[Trajectory | Summary]":
+def _in_parts(settings: ReconstructSettings, head: "RunHead", progress: Progress, *, whole: bool) -> Result:
     """Reconstruct a long run by the workers of a scheduler, into files of a folder."""
     from lmeasure.api import explained
     from lmeasure.trajectory import reconstruct_in_parts
@@ -120,7 +140,7 @@ def _in_parts(settings: Settings, head: "RunHead", progress: Progress, *, whole:
     return Result(summary, tuple(summary.text().splitlines()), summary.figures(), files=tuple(sorted(out.glob("part-*.parquet"))))
 
 
-def _written(settings: Settings, recorded: "Run", trajectory: "Trajectory", progress: Progress) -> "Result[Trajectory | Summary]":
+def _written(settings: ReconstructSettings, recorded: "Run", trajectory: "Trajectory", progress: Progress) -> Result:
     """Write a trajectory that is whole in memory, and the recording that is asked for."""
     from lmeasure.trajectory import write_trajectory
 
@@ -140,3 +160,250 @@ def _each_piece(rerun: Path | None, head: "RunHead") -> AbstractContextManager["
     from lmeasure.view import streamed_recording
 
     return streamed_recording(rerun, head)
+
+
+FASTEST_MM_S = 1e5
+"""No robot moves as fast: places or times are in other units."""
+
+
+class MotionSettings(Writing):
+    NEXT: ClassVar[str] = "report {trajectory} --out report"
+    OUT_FILE: ClassVar[str] = "motion.parquet"
+    trajectory: Annotated[Path, option(TRAJECTORY, metavar="TRAJECTORY", positional=True)]
+    out: Annotated[Path, option("Motion to write, .parquet or .csv.")]
+    columns: Annotated[str, COLUMNS] = ""
+    u_position_mm: Annotated[float | None, U_POSITION] = None
+    u_rotation_deg: Annotated[float | None, U_ROTATION] = None
+    run: Annotated[
+        Path | None, option("Run folder of a trajectory from `reconstruct --continuous`: take the motion from its curve.", metavar="RUN")
+    ] = None
+    angles: Annotated[str | None, ANGLES] = None
+    align: Annotated[Path | None, ALIGN] = None
+    half_width_s: Annotated[
+        float | None,
+        option(
+            "Half width of the window of the local cubics. [chosen by the data, at most 0.02 or what the sampling needs]",
+            within=(0.0, 60.0),
+        ),
+    ] = None
+    rerun: Annotated[Recording | None, RERUN] = None
+
+    def paths(self) -> Paths:
+        counts = () if self.run is None else in_run_folder(self.run)
+        return Paths((self.out, *present(self.rerun)), (self.trajectory, *present(self.align), *counts))
+
+
+@workflow
+def run_motion(settings: MotionSettings, progress: Progress = silent) -> Result:
+    """Smooth the trajectory and write its motion."""
+    import numpy as np
+
+    from lmeasure.core import QUATERNION_COLUMNS
+    from lmeasure.iso9283 import in_program_frame
+    from lmeasure.recording import read_run
+    from lmeasure.trajectory import motion_of, motion_of_curve, read_trajectory, reconstruct_curve, write_motion
+
+    if settings.run is not None:
+        beside = ("columns", "u_position_mm", "u_rotation_deg", "align", "half_width_s")
+        refuse(settings, message("refuse.curve"), *beside)
+    progress(0.0, "motion")
+    trajectory = read_trajectory(settings.trajectory, stated_beside(settings))
+    if settings.align is not None:
+        trajectory = in_program_frame(trajectory, settings.align)
+    lasts = float(np.ptp(trajectory.time_s))
+    if settings.half_width_s is not None and settings.half_width_s > lasts > 0.0:
+        raise SettingsError("half_width_s", message("error.s_to_either_side", half_width_s=settings.half_width_s, lasts=lasts))
+    try:
+        if settings.run is None:
+            found = motion_of(trajectory, settings.half_width_s)
+        else:
+            of_run, curve = reconstruct_curve(read_run(settings.run))
+            found = motion_of_curve(trajectory, curve, of_run)
+    except TrajectoryError as error:
+        raise TrajectoryError(composed("{where}: {error}", where=settings.trajectory, error=error)) from None
+    progress(1.0, "motion")
+    write_motion(settings.out, found)
+    if settings.rerun is not None:
+        from lmeasure.view import Series, write_scene
+
+        columns, of = found.columns(), {"velocity": "v{}_mm_s", "acceleration": "a{}_mm_s2"}
+        groups = {"speed": ["speed_mm_s"]} | {group: [name.format(axis) for axis in "xyz"] for group, name in of.items()}
+        series = {(g, name): Series(columns[name], columns[f"u_{name}"], found.time_s) for g, names in groups.items() for name in names}
+        write_scene(settings.rerun, settings.trajectory.name, moving=(found.time_s, found.poses), series=series)
+    largest, u95 = found.largest_speed()
+    way = float(np.nanmax(found.path_mm))
+    reported: str = message(
+        "workflows.samples_window_s_path" if settings.run is None else "workflows.samples_of_curve",
+        samples=len(found.time_s),
+        window=found.half_width_s,
+        path=way,
+        speed=largest,
+    )
+    figures = {"path_mm": way, "largest_speed_mm_s": largest, "half_width_s": found.half_width_s, "highest_hz": found.highest_hz}
+    figures |= {f"vibration_{i}_{v.axis}_{name}": value for i, v in enumerate(found.vibration, 1) for name, value in v.values().items()}
+    if "position" in trajectory.absent:
+        reported = message("workflow.no_speed_uncertainty", what=reported)
+    else:
+        u = np.nanmedian(np.linalg.norm(found.u_velocity[:, 3:], axis=1))
+        reported = message("workflow.speed_uncertainty", what=reported, u95=u95, u=u)
+        figures["u95_mm_s"] = u95
+    turned = not np.isnan(found.poses[:, 3:]).all()
+    lines, warnings = notes_of_file((*trajectory.notes, *found.stamps.notes))
+    notes = list[str]()
+    if lost := int(np.isnan(trajectory.poses[:, 0]).sum()):
+        notes.append(message("workflows.samples_have_no_pose", lost=lost, all=len(trajectory.time_s)))
+    if largest > FASTEST_MM_S:
+        notes.append(message("workflows.no_robot_moves_m", speed=largest / 1000.0))
+    if not turned:
+        notes.append(message("workflow.no_orientation", named=tuple(QUATERNION_COLUMNS)))
+    above = () if settings.run is not None else (_above(found),)
+    more = tuple(message("line.note", text=note) for note in notes)
+    return Result(found, (reported, *map(_line, found.vibration), *above, *lines, *more), figures, (*warnings, *more))
+
+
+def _line(v: "Vibration") -> str:
+    """Return one vibration in words."""
+    return message(
+        "workflows.vibration_along_hz_amplitude",
+        axis=v.axis,
+        hz=v.frequency_hz,
+        u_hz=v.u95_frequency_hz,
+        um=1000.0 * v.amplitude_mm,
+        u_um=1000.0 * v.u95_amplitude_mm,
+        speed=v.speed_mm_s,
+        u_speed=v.u95_speed_mm_s,
+    )
+
+
+def _above(found: "Motion") -> str:
+    """Return the highest frequency that the samples show, in words."""
+    return message("workflow.vibration_up_to" if found.vibration else "workflow.no_vibration_up_to", hz=found.highest_hz)
+
+
+class ImportSettings(Writing):
+    logs: Annotated[
+        tuple[Path, ...],
+        Field(min_length=1),
+        option("Log of each pass: .blf, .asc, .log, .txt, .trc, .csv (all also .gz), .mf4 (extra mf4).", metavar="LOG...", positional=True),
+    ]
+    rig: Annotated[Path | None, option("rig.toml; its table [can] assigns frames to counters.")] = None
+    out: Annotated[Path | None, option("Run folder to write.", metavar="RUN")] = None
+    scan: Annotated[bool, option("List the contents of the logs and suggest a table [can], without writing files.", flag="--scan")] = False
+    report: Annotated[Path | None, option("With --scan: page to write, with counts over time.", metavar="FILE.html")] = None
+    browser: Annotated[bool, BROWSER] = True
+    start: Annotated[Start | None, option(f"Start pose: {START}.", metavar="X,Y,Z,O,A,T|FILE")] = None
+    position_mm: Annotated[Point | None, option("Start position; use it with --quaternion-xyzw instead of --start.", metavar="X,Y,Z")] = (
+        None
+    )
+    quaternion_xyzw: Annotated[Quaternion | None, option("Start orientation.", metavar="X,Y,Z,W")] = None
+    dbc: Annotated[Path | None, option("DBC file with the counters; default the rig's.")] = None
+    bus: Annotated[str | None, option("Read only this bus of the log.")] = None
+    parquet: Annotated[bool, option("Write the counts as .parquet instead of .csv.")] = False
+    rerun: Annotated[Recording | None, RERUN] = None
+
+    @model_validator(mode="after")
+    def _says_whose_counters(self) -> Self:
+        if not self.scan and self.rig is None:
+            raise SettingsError("rig", message("error.is_missing_without_one", logs=pasted(self.logs[0])))
+        if not self.scan and self.out is None:
+            raise SettingsError("out", message("error.is_missing"))
+        if self.report is not None and not self.scan:
+            raise SettingsError("report", message("error.goes_with_scan"))
+        return self
+
+    def following(self) -> str:
+        if self.out is None or self.scan:
+            return then("import {log} --rig rig.toml --out run", log=self.logs[0])
+        known = self.start is not None or self.position_mm is not None
+        return then("reconstruct {out} --out {out}/trajectory.parquet" + ("" if known else " --start X,Y,Z,O,A,T"), out=self.out)
+
+    def paths(self) -> Paths:
+        if self.out is None:
+            return Paths(present(self.rerun, self.report), (*self.logs, *present(self.rig, self.dbc)))
+        start = () if self.start is None or not Path(self.start).is_file() else (Path(self.start),)
+        ends = (".parquet" if self.parquet else ".csv", ".events.csv")
+        passes = inside(self.out, *(f"pass{n}{end}" for n in range(1, len(self.logs) + 1) for end in ends))
+        run = inside(self.out, "run.toml", "rig.toml", "calibration.json")
+        return Paths((*run, *passes, *present(self.rerun, self.report)), (*self.logs, *start, *present(self.rig, self.dbc)))
+
+
+@workflow
+def run_import(settings: ImportSettings, progress: Progress = silent) -> Result:
+    """Read the logs and write the run folder, or only look at what they hold."""
+    if settings.scan:
+        return _scanned(settings, progress)
+    assert settings.rig is not None
+    assert settings.out is not None
+    from lmeasure.acquisition import import_logs, with_dbc, write_import
+    from lmeasure.recording import start_of_rig, start_uncertainty
+    from lmeasure.rig import read_linked_rig
+
+    stated = _start(settings)
+    rig, calibration = read_linked_rig(settings.rig)
+    pose = None if stated is None else start_of_rig(stated.table, rig, stated.source)
+    u_start = (None, None) if stated is None else start_uncertainty(stated.table, stated.source)
+    if settings.dbc is not None:
+        rig = with_dbc(rig, settings.dbc)
+    imported = import_logs(
+        settings.logs,
+        rig,
+        pose,
+        calibration=calibration,
+        u_start=u_start,
+        folder=settings.rig.parent,
+        bus=settings.bus,
+        progress=steps(progress, "bytes"),
+    )
+    write_import(settings.out, imported, ".parquet" if settings.parquet else ".csv", force=settings.force)
+    if settings.rerun is not None:
+        from lmeasure.view import write_recording
+
+        write_recording(settings.rerun, imported.run.rig, run=imported.run)
+    notes = (message("workflow.note_no_start", where=str(settings.out / "run.toml")),) if pose is None else ()
+    logs = imported.logs
+    unread = tuple(composed("{file}: {note}", file=str(log.path), note=note) for log in logs for note in log.report.notes())
+    figures: dict[str, float] = {"frames": sum(log.report.frames for log in logs), "samples": sum(len(log.counts.time_s) for log in logs)}
+    figures |= {"duration_s": float(max(log.counts.time_s[-1] for log in logs)), "faults": sum(log.events.tally.total() for log in logs)}
+    figures |= {"lines": sum(log.report.total for log in logs), "known": sum(log.report.known for log in logs)}
+    figures |= {"unread": sum(log.report.unread for log in logs)}
+    return Result(imported, (*imported.summary().splitlines(), *notes), figures, (*unread, *notes))
+
+
+def _scanned(settings: ImportSettings, progress: Progress) -> Result:
+    from lmeasure.acquisition import scan_log
+
+    found = tuple(scan_log(log, steps(progress, "bytes")) for log in settings.logs)
+    lines = [line for scan in found for line in scan.lines()]
+    counters = sum(len(c.counters) for scan in found for c in scan.carried)
+    notes = tuple(composed("{file}: {note}", file=str(scan.path), note=note) for scan in found for note in scan.notes)
+    figures = {"identifiers": float(sum(len(s.carried) for s in found)), "counter_like": float(counters)}
+    if settings.report is not None:
+        from lmeasure.report import scans_figure, write_inspection_page
+
+        what = message("inspect.logs", files=tuple(str(log) for log in settings.logs), counters=counters)
+        write_inspection_page(
+            settings.report,
+            settings.logs[0].name,
+            what,
+            lines=lines,
+            figure=scans_figure(found, Say(of_terminal())),
+            language=of_terminal(),
+        )
+    return Result(found, tuple(lines), figures, notes, page=settings.report)
+
+
+def _start(settings: ImportSettings) -> "StatedStart | None":
+    from lmeasure.recording import StatedStart, stated_start
+
+    position, turn = settings.position_mm, settings.quaternion_xyzw
+    if settings.start is not None and (position is not None or turn is not None):
+        raise SettingsError("start", message("error.is_given_and_so"))
+    if position is not None and turn is None:
+        raise SettingsError("position_mm", message("error.half_a_start_pose"))
+    if turn is not None and position is None:
+        raise SettingsError("quaternion_xyzw", message("error.states_half_of_the"))
+    if settings.start is not None:
+        return stated_start(settings.start)
+    if position is None or turn is None:
+        return None
+    return StatedStart({"position_mm": list(position), "quaternion_xyzw": list(turn)}, "--position-mm, --quaternion-xyzw")

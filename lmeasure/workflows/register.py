@@ -17,9 +17,7 @@ if TYPE_CHECKING:
     from lmeasure.text import Message
 
 
-class Settings(Writing):
-    """Settings of `lmeasure register`."""
-
+class RegisterSettings(Writing):
     NEXT: ClassVar[str] = "register {register_dir} --add certificate"
     register_dir: Annotated[Path, option("Folder of the register; it is made if it does not exist.", metavar="DIR", positional=True)]
     add: Annotated[
@@ -40,12 +38,11 @@ class Settings(Writing):
     database: Annotated[str, option("Keep the register in this database (SQLAlchemy URL), not in the folder.", metavar="URL")] = ""
 
     def paths(self) -> Paths:
-        """A table and a copy; the register itself is continued."""
         return Paths(present(self.export, self.backup), (*self.add, *present(self.recall)))
 
 
 @workflow
-def run(settings: Settings, progress: Progress = silent) -> "Result[dict[str, object]]":
+def run_register(settings: RegisterSettings, progress: Progress = silent) -> Result:
     """Add what is to be added, and answer what is asked."""
     from lmeasure.register import FILE, Register, due, read_entries, read_limits
 
@@ -123,7 +120,7 @@ def _recalled(register: "Register", path: Path) -> "list[Message]":
     return lines + [message("register.entry", kind=e.kind, subject=e.subject, made=e.made.isoformat(), path=e.path) for e in found]
 
 
-def _of_subject(register: "Register", settings: Settings) -> "list[Message]":
+def _of_subject(register: "Register", settings: RegisterSettings) -> "list[Message]":
     """Return the results of a subject, or one of them over time."""
     from lmeasure.register import control_charts, forecast
 

@@ -1,12 +1,12 @@
 """Commands, each once: settings in, result out; command lines, pages and scripts are faces of it.
 
-A workflow is a module with `Settings`, a model of what it is asked, and `run(settings, progress)`, which reads, calls the stages, writes
+A workflow `zone` is `ZoneSettings`, a model of its options, and `run_zone(settings, progress)`, which reads, calls the stages, writes
 every file, and gives a `Result`. It is known by its line in `JOBS`; nothing of it is loaded before it is asked for.
 """
 
 from collections.abc import Callable
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from lmeasure.text import LANGUAGES, Message, texts
 
@@ -88,21 +88,38 @@ JOBS: dict[str, dict[str, str]] = {
 COMMANDS = {name: text for commands in JOBS.values() for name, text in commands.items()}
 
 
+MODULES = {
+    "certify": ("verify", "compare", "key", "qualify"),
+    "record": ("watch", "scan", "check"),
+    "init": ("place", "drum", "schema"),
+    "calibrate": ("check-instrument",),
+    "reconstruct": ("motion", "import"),
+    "inspect": ("report", "view"),
+    "identify": ("frames",),
+    "correct": ("program",),
+    "structure": ("dyads",),
+    "demo": ("simulate", "warm", "docs", "workbench"),
+    "capture": ("play",),
+}
+"""Modules that hold other commands beside the one of their name."""
+
+
 class Workflow(NamedTuple):
     """A command: its name, its help, the model of what it is asked, and its work `run(settings, progress)`."""
 
     name: str
     help: str
     settings: "type[Asked]"
-    run: "Callable[..., Result[Any]]"
+    run: "Callable[..., Result]"
 
 
 def load(name: str) -> Workflow:
     """The workflow of a command; KeyError for what is none."""
     text = COMMANDS[name]
-    # a keyword of Python names no module
-    module = import_module(f"lmeasure.workflows.{'import_log' if name == 'import' else name.replace('-', '_')}")
-    return Workflow(name, text, module.Settings, module.run)
+    home = next((own for own, others in MODULES.items() if name in others), name)
+    module = import_module(f"lmeasure.workflows.{home.replace('-', '_')}")
+    settings = "".join(word.capitalize() for word in name.split("-"))
+    return Workflow(name, text, getattr(module, f"{settings}Settings"), getattr(module, f"run_{name.replace('-', '_')}"))
 
 
 def help_of(command: str, name: str, text: str) -> Message:

@@ -205,7 +205,6 @@ class Turned(Separated):
     """Marks a quaternion x, y, z, w, or the angles of a convention behind its name: `kuka-abc:10,20,30`."""
 
     def parsed(self, value: Any) -> Any:
-        """The quaternion of a text."""
         name, colon, rest = value.partition(":") if isinstance(value, str) else ("", "", "")
         if not colon:
             return super().parsed(value)
@@ -233,7 +232,6 @@ class Words(Separated):
     """Marks words that are written as one text with commas; blanks around them, and empty ones, are nothing."""
 
     def parsed(self, value: Any) -> Any:
-        """The tuple of a text."""
         return words_of(value) if isinstance(value, str) else value
 
 
@@ -242,7 +240,6 @@ class Spans(Separated):
     """Marks a box that is written as three low:high with commas."""
 
     def parsed(self, value: Any) -> Any:
-        """Three pairs of a text."""
         if not isinstance(value, str):
             return value
         spans = value.split(self.mark)
@@ -256,7 +253,6 @@ class Ends(Separated):
     """Marks the ends of a range, which may be written with its step, as other commands take it."""
 
     def parsed(self, value: Any) -> Any:
-        """The two ends of a text."""
         ends, _, step = value.rpartition(self.mark) if isinstance(value, str) and value.count(self.mark) == 2 else (value, "", "")
         return super().parsed(ends if not step or super().parsed(f"0:{step}") else value)
 

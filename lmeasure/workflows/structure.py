@@ -1,6 +1,7 @@
 """Study of a rig's links, before anything is built or measured."""
 
 import math
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -26,7 +27,10 @@ from lmeasure.workflows.settings import (
 )
 
 if TYPE_CHECKING:
+    from lmeasure.core import FloatArray
+    from lmeasure.robots import Dyad
     from lmeasure.structure import Linkage, Workspace
+
 
 AT_A_POSE = "At a pose"
 LENGTHS = "Lengths"
@@ -34,9 +38,7 @@ ALONG = "Along a trajectory"
 MOST_LEVELS = 50
 
 
-class Settings(Writing):
-    """Settings of `lmeasure structure`."""
-
+class StructureSettings(Writing):
     OUT_FILE: ClassVar[str] = "structure.json"
     file: Annotated[
         Path | None,
@@ -97,20 +99,18 @@ class Settings(Writing):
     rerun: Annotated[Recording | None, RERUN] = None
 
     def following(self) -> str:
-        """Return the command that draws the structure, or maps the zone of a rig."""
         if self.file is None:
             return then("structure rig.toml --report structure")
         return then("structure {file} --report structure" if self.report is None else "zone {file} --out zone.nc", file=self.file)
 
     def paths(self) -> Paths:
-        """A description, its page and recording from a rig or a table."""
         report = () if self.report is None else inside(self.report, "structure.html")
         file = None if self.file is not None and not self.file.suffix and not self.file.exists() else self.file
         return Paths((*present(self.out, self.rerun, self.parts), *report), present(file, self.trajectory))
 
 
 @workflow
-def run(settings: Settings, progress: Progress = silent) -> Result[Any]:
+def run_structure(settings: StructureSettings, progress: Progress = silent) -> Result:
     """Describe the links, and write it where that is asked for."""
     from lmeasure.io import files
     from lmeasure.structure import all_structures, described, described_lines, list_lines, read_linkage
@@ -214,7 +214,7 @@ def _figures(made: "dict[str, Any] | list[dict[str, Any]]") -> dict[str, float]:
     return found | ({"assemblies": float(len(made["assemblies"]))} if "assemblies" in made else {})
 
 
-def _check(settings: Settings) -> None:
+def _check(settings: StructureSettings) -> None:
     """SettingsError for what does not go together."""
     if settings.listed == (settings.file is not None):
         raise SettingsError("file", message("error.give_a_file_or"))
@@ -237,10 +237,95 @@ def _check(settings: Settings) -> None:
         raise SettingsError("within_mm", message("error.is_no_distance", reach_mm=settings.within_mm))
 
 
-def _workspace(settings: Settings) -> "Workspace | None":
+def _workspace(settings: StructureSettings) -> "Workspace | None":
     from lmeasure.structure import Workspace
 
     if settings.boundary is None:
         return None
     levels = () if settings.levels is None else tuple(places_of(settings.levels, "levels", 1, MOST_LEVELS).tolist())
     return Workspace(settings.boundary, levels, settings.reach_mm, settings.limit_deg, settings.length_mm)
+
+
+LEAST = 7
+
+
+class DyadsSettings(Writing):
+    NEXT: ClassVar[str] = "structure rig.toml --report structure"
+    poses: Annotated[Path, option("Poses of the body: x_mm, y_mm, z_mm, qx, qy, qz, qw.", metavar="POSES", positional=True)]
+    out: Annotated[Path, option("Folder for links.csv, minimax.csv and misses.csv.", metavar="DIR")]
+    angles: Annotated[str, option("Convention of angle columns.")] = "puma-oat"
+    links: Annotated[int, option("Number of links; five leave one freedom.", ge=1, le=6)] = 5
+    reach_mm: Annotated[
+        float | None, option("Largest distance of ball joints from the poses; default three times the spread of the poses.", ge=0)
+    ] = None
+    free: Annotated[
+        Literal["point-on-a-line", "line-in-a-plane", "line", "point", "plane"] | None,
+        option("Element of the body that the poses state; their other coordinates are free."),
+    ] = None
+    starts: Annotated[int, option("Number of random starts of the search.", ge=1, le=100000)] = 200
+    seed: Annotated[int, option("Seed of the starts.", ge=0)] = 0
+
+    def paths(self) -> Paths:
+        return Paths(inside(self.out, "links.csv", "minimax.csv", "misses.csv"), (self.poses,))
+
+
+@workflow
+def run_dyads(settings: DyadsSettings, progress: Progress = silent) -> Result:
+    """Find links, and write them and by how much they miss each pose."""
+    import numpy as np
+
+    from lmeasure.io import files
+    from lmeasure.recording import pose_columns, poses_from_rows, read_poses
+    from lmeasure.robots import all_fitted, minimax, misses
+
+    given = read_poses(settings.poses, settings.angles, unnamed=True)
+    poses = given.rows
+    if len(poses) < LEAST:
+        raise FileFormatError(message("error.poses_a_link_has", where=settings.poses, n_poses=len(poses), least=LEAST))
+    spread = float(np.linalg.norm(np.ptp(poses[:, :3], axis=0)))
+    reach = settings.reach_mm or 3.0 * spread
+    if not reach > 0.0:
+        raise FileFormatError(message("error.all_poses_are_at", where=settings.poses))
+    progress(0.0, "least squares")
+    every = all_fitted(poses, reach, settings.starts, settings.seed, progress=lambda share: progress(0.7 * share, "least squares"))
+    near = [d for d in every if _within(d, poses, reach)]
+    if len(near) < settings.links:
+        raise FileFormatError(
+            message("error.different_links_found_within", where=settings.poses, n_near=len(near), reach=reach, links=settings.links)
+        )
+    best = near[: settings.links]
+    anchors, points, lengths = (np.array(part) for part in list(zip(*best, strict=True))[:3])
+    progress(0.7, "minimax")
+    kind = "" if settings.free is None else settings.free.replace("-", " ")
+    found = minimax(poses, (anchors, points, lengths), kind, lambda share: progress(0.7 + 0.3 * share, "minimax"))
+    first = np.array([d.misses for d in best]).T
+    last = misses(found.poses, found.anchors, found.points, found.lengths)
+    columns = dict(pose_columns(poses_from_rows(found.poses, list(given.names))))
+    columns |= {f"link_{j + 1}_{name}_mm": of[:, j] for name, of in (("least_squares", first), ("minimax", last)) for j in range(len(best))}
+    names = ("links.csv", "minimax.csv", "misses.csv")
+    tables = (_columns(anchors, points, lengths), _columns(found.anchors, found.points, found.lengths), columns)
+    with ExitStack() as together:
+        for path, table in zip([together.enter_context(files.whole(path)) for path in inside(settings.out, *names)], tables, strict=True):
+            files.write_table(path, table)
+    progress(1.0, "minimax")
+    largest = float(np.abs(first).max())
+    lines = (
+        message("workflows.links_poses_best_different", links=len(best), poses=len(poses), all=len(near), starts=settings.starts),
+        message("workflows.largest_miss_mm_least", one=largest, other=found.largest),
+        message("line.written", files=tuple(str(settings.out / name) for name in names)),
+    )
+    return Result(found, lines, {"largest_miss_mm": largest, "largest_miss_minimax_mm": found.largest})
+
+
+def _within(dyad: "Dyad", poses: "FloatArray", reach: float) -> bool:
+    import numpy as np
+
+    away = np.linalg.norm(dyad.anchor - poses[:, :3].mean(axis=0)), np.linalg.norm(dyad.point)
+    return bool(max(away) <= 2.0 * reach and dyad.length > 1e-3 * reach)
+
+
+def _columns(anchors: "FloatArray", points: "FloatArray", lengths: "FloatArray") -> "dict[str, object]":
+    out: dict[str, object] = {"link": [f"leg_{j + 1}" for j in range(len(lengths))]}
+    for name, rows in (("base", anchors), ("platform", points)):
+        out |= {f"{name}_{axis}_mm": rows[:, k] for k, axis in enumerate("xyz")}
+    return out | {"length_mm": lengths}

@@ -11,7 +11,6 @@ from lmeasure.workflows.flow import Progress, Result, inside, present, silent, s
 from lmeasure.workflows.settings import LANGUAGE, RERUN, Pair, Paths, Range, Recording, UnitQuaternion, Writing, option, then
 
 if TYPE_CHECKING:
-    import xarray as xr
     from scipy.spatial.transform import Rotation
 
     from lmeasure.core import FloatArray
@@ -23,9 +22,7 @@ COMPUTING = "Computing"
 MORE_THAN_0 = (0.0, math.inf)
 
 
-class Settings(Writing):
-    """Settings of `lmeasure zone`; see `lmeasure.accuracy.limits.Limits` for the limits and `accuracy.zone.Scan` for the computing."""
-
+class ZoneSettings(Writing):
     NEXT: ClassVar[str] = "program --zone {out} --out program"
     OUT_FILE: ClassVar[str] = "zone.nc"
     rig: Annotated[Path, option("Rig; the uncertainty includes its linked calibration.", metavar="RIG.toml", positional=True)]
@@ -79,7 +76,6 @@ class Settings(Writing):
     rerun: Annotated[Recording | None, RERUN] = None
 
     def paths(self) -> Paths:
-        """A zone, and what is made of it, from a rig, bodies and a program."""
         beside: tuple[Path, ...] = () if self.path is None else (self.out.with_suffix(".path.csv"),)
         beside += (self.out.with_suffix(".boundary.csv"),) if self.boundary else ()
         report = () if self.report is None else inside(self.report, "zone.html", "zone.pdf")
@@ -87,7 +83,7 @@ class Settings(Writing):
 
 
 @workflow
-def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]":
+def run_zone(settings: ZoneSettings, progress: Progress = silent) -> Result:
     """Scan the box and write the zone, with its page, its recording and a program held against it where they are asked for."""
     from lmeasure.accuracy import (
         Limits,
@@ -170,14 +166,14 @@ def run(settings: Settings, progress: Progress = silent) -> "Result[xr.Dataset]"
     return Result(data, tuple(lines), figures, next="" if inside.any() else _after_empty(settings))
 
 
-def _after_empty(settings: Settings) -> str:
+def _after_empty(settings: ZoneSettings) -> str:
     """Return the command after a zone of no node: the same rig in a box of its own, or better places of its points."""
     if None in (settings.x, settings.y, settings.z):
         return then("place {rig} --task placement.toml --out placed", rig=settings.rig)
     return then("zone {rig} --out {out}", rig=settings.rig, out=settings.out.with_stem(f"{settings.out.stem}-whole"))
 
 
-def _rotations(settings: Settings) -> "Rotation":
+def _rotations(settings: ZoneSettings) -> "Rotation":
     """The orientations that are tried at each node: over the angles O, A, T, or tilts."""
     import numpy as np
     from scipy.spatial.transform import Rotation

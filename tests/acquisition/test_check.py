@@ -23,7 +23,7 @@ from lmeasure.acquisition.check.self_test import CableCheck
 from lmeasure.core import AcquisitionError
 from lmeasure.io import files
 from lmeasure.rig import Rig, read_rig, rig_from_dict, write_rig
-from lmeasure.workflows import check as check_workflow
+from lmeasure.workflows import record as check_workflow
 
 pytestmark = pytest.mark.live
 
@@ -256,8 +256,8 @@ def test_a_check_whose_rig_finds_no_room_keeps_what_it_showed(tmp_path: Path, mo
 
     monkeypatch.setattr(files, "rewrite_toml", full)
     monkeypatch.setattr("lmeasure.acquisition.self_test", lambda *_, **__: found)
-    settings = check_workflow.Settings(rig=tmp_path / "rig.toml", bus=f"virtual:{virtual_place()}", write=tmp_path / "wired.toml")
-    reported = check_workflow.run(settings, ask=lambda step: "")
+    settings = check_workflow.CheckSettings(rig=tmp_path / "rig.toml", bus=f"virtual:{virtual_place()}", write=tmp_path / "wired.toml")
+    reported = check_workflow.run_check(settings, ask=lambda step: "")
     assert (
         reported.failure
         == f"{tmp_path / 'wired.toml'}: cannot be written: No space left on device; make room there, or write to another disk"
@@ -346,8 +346,8 @@ def test_what_a_cable_that_did_not_move_leaves_open_is_said_and_not_guessed(tmp_
     ]
     write_rig(tmp_path / "rig.toml", RIG)
     monkeypatch.setattr("lmeasure.acquisition.self_test", lambda *_, **__: Check(200.0, {}, tuple(seen), ()))
-    settings = check_workflow.Settings(rig=tmp_path / "rig.toml", bus=f"virtual:{virtual_place()}", write=tmp_path / "wired.toml")
-    reported = check_workflow.run(settings, ask=lambda step: "").summary
+    settings = check_workflow.CheckSettings(rig=tmp_path / "rig.toml", bus=f"virtual:{virtual_place()}", write=tmp_path / "wired.toml")
+    reported = check_workflow.run_check(settings, ask=lambda step: "").summary
     assert reported == (
         "drum of B6: count_sign 1 -> -1",
         "channels are unchanged, because some cables share a channel or moved none; check again, then --write",
@@ -357,7 +357,7 @@ def test_what_a_cable_that_did_not_move_leaves_open_is_said_and_not_guessed(tmp_
     assert [c.channel for c in wired.cable] == [c.channel for c in RIG.cable]
     assert [p.drum.count_sign for p in wired.observation_point] == [1, 1, 1, 1, 1, -1]
     seen[5] = CableCheck("c6", "ch6", "ch6", 1)
-    reported = check_workflow.run(settings.model_copy(update={"force": True}), ask=lambda step: "").summary
+    reported = check_workflow.run_check(settings.model_copy(update={"force": True}), ask=lambda step: "").summary
     assert reported[0].startswith("channels are unchanged, because some cables share a channel or moved none; check again, then --write")
     assert reported[1].endswith("check it again")  # "with nothing to correct" is of a rig that is right
 

@@ -12,8 +12,7 @@ from read_logs import assert_as_the_library
 
 from lmeasure.acquisition import read_frames
 from lmeasure.acquisition.bus.frames import BITRATE_SWITCH, ERROR_STATE, messages_from_frames
-from lmeasure.acquisition.logs.lines import FD_LENGTHS
-from lmeasure.acquisition.logs.report import LogReport
+from lmeasure.acquisition.logs.report import FD_LENGTHS, LogReport
 from lmeasure.core import FileFormatError
 
 EXTENDED, REMOTE, ERROR, FD, SWITCH, STATE, RECEIVED, LENGTH, DATA, BUS = range(2, 12)

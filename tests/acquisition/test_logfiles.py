@@ -42,7 +42,7 @@ def test_blf_containers(tmp_path: Path, options: dict[str, int], monkeypatch: py
 
 @pytest.mark.parametrize("suffix", [".asc", ".log"])
 def test_text_blocks_break_anywhere(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lmeasure.acquisition.logs.lines.BLOCK_BYTES", 97)
+    monkeypatch.setattr("lmeasure.acquisition.logs.report.BLOCK_BYTES", 97)
     path = write(tmp_path / f"log{suffix}", messages(300, 10))
     assert read_rows(path)[0] == library_rows(path)[0]
 

@@ -20,7 +20,7 @@ from lmeasure.core import CalibrationError, CertificationError, LMeasureError, S
 from lmeasure.report.plots import DRAWN
 from lmeasure.robot_programs import Corrected, Outcome, Target
 from lmeasure.robots import Limits
-from lmeasure.robots.correction.correction import correct
+from lmeasure.robots.correction.error_map import correct
 from lmeasure.robots.identification.measurements import measured
 from lmeasure.robots.robot import shipped
 from lmeasure.structure import Workspace

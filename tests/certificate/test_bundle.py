@@ -35,8 +35,8 @@ from lmeasure.certificate import (
 from lmeasure.certificate.bundle import MANIFEST, SIGNATURE, check_seal, found_files, sidecar
 from lmeasure.certificate.content import identification
 from lmeasure.certificate.inputs import inputs_in, settings_from
-from lmeasure.certificate.recompute import FIGURES, label
 from lmeasure.certificate.signature import digest, fingerprint, signer
+from lmeasure.certificate.verification import FIGURES, label
 from lmeasure.core import CertificationError, ForeignFolderError, LMeasureError
 from lmeasure.io import files
 from lmeasure.iso9283 import CertificationSettings

@@ -8,8 +8,8 @@ import pytest
 
 from lmeasure.certificate import new_key, opened_zip, read_certificate, read_private_key, read_public_key, verify
 from lmeasure.certificate.content import identification
-from lmeasure.certificate.recompute import FIGURES, Compared, compare
 from lmeasure.certificate.signature import digest
+from lmeasure.certificate.verification import FIGURES, Compared, compare
 from lmeasure.core import CertificationError, KeyKeptError, LMeasureError
 
 

@@ -31,8 +31,8 @@ from lmeasure.certificate import (
 )
 from lmeasure.certificate.bundle import SIGNATURE, Difference
 from lmeasure.certificate.content import METHOD, identification
-from lmeasure.certificate.recompute import FIGURES, RELATIVE, SOURCES, beside, compare, label, of_environment
 from lmeasure.certificate.signature import digest
+from lmeasure.certificate.verification import FIGURES, RELATIVE, SOURCES, beside, compare, label, of_environment
 from lmeasure.core import CertificationError
 from lmeasure.iso9283 import CertificationSettings
 from lmeasure.trajectory import write_trajectory

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from lmeasure.cli.app import app
-from lmeasure.workflows import docs
+from lmeasure.workflows import demo as docs
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from lmeasure import core
 from lmeasure.cli.app import app, main
-from lmeasure.cli.terminal import state_line
+from lmeasure.cli.progress import state_line
 from lmeasure.text import Lines, message
 
 

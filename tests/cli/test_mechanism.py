@@ -13,7 +13,7 @@ from lmeasure.cli.app import app
 from lmeasure.core import LMeasureError
 from lmeasure.io import files
 from lmeasure.robots import ParallelFile, Turns, any_shipped, over_grid
-from lmeasure.view.viewer import check_recording
+from lmeasure.view.recording import check_recording
 
 robot_files = resources("lmeasure.robots").joinpath("shipped")
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])

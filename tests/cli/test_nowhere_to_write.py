@@ -80,7 +80,7 @@ def test_init_writes_all_of_its_files_or_none(tmp_path: Path, monkeypatch: pytes
 
     monkeypatch.setattr(Path, "write_text", full)
     with pytest.raises(LMeasureError, match=r"scenario\.toml: cannot be written: No space left"):
-        init.run(init.Settings(out=tmp_path, template="six-cables"))
+        init.run_init(init.InitSettings(out=tmp_path, template="six-cables"))
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from lmeasure.cli import terminal
+from lmeasure.cli import progress as terminal
 from lmeasure.io.tables import read_table
 from lmeasure.rig import Rig, rig_from_dict, write_rig
 from lmeasure.simulation import cell_rig

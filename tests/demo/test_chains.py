@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, LMeasureError, Status
 from lmeasure.demo import OF_CELL, demo, existing
-from lmeasure.demo.bus_loop import count_at_stops, record_motion
+from lmeasure.demo.calibrated_cell import count_at_stops, record_motion
 from lmeasure.demo.cell_demo import STAGES, errors_of, held_out_length_error
 from lmeasure.io.tables import read_table
 from lmeasure.recording import read_run

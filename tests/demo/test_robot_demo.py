@@ -10,9 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from lmeasure.cli.app import app
-from lmeasure.demo import OF_ROBOT, RobotDemo, existing, identification, robot_demo
-from lmeasure.demo.folder import mark
-from lmeasure.demo.robot_in_cell import ROBOT_STAGES
+from lmeasure.demo import OF_ROBOT, RobotDemo, existing, robot_demo, robot_loop
+from lmeasure.demo.robot_in_cell import ROBOT_STAGES, mark
 from lmeasure.demo.robot_loop import LOOP_STAGES
 from lmeasure.io import files
 from lmeasure.iso9283 import CertificationSettings, Tests
@@ -39,7 +38,7 @@ def reported() -> list[str]:
 def done(out: Path, reported: list[str]) -> RobotDemo:
     settings = CertificationSettings(trials=100)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(identification, "learning_curve", lambda *_: [])
+        patch.setattr(robot_loop, "learning_curve", lambda *_: [])
         return robot_demo(out, lambda stage, done, of: reported.append(stage), seed=1, tests=SHORT, settings=settings)
 
 

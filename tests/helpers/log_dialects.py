@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 import can
 from log_corpus import START
 
-from lmeasure.acquisition.logs.lines import FD_LENGTHS
+from lmeasure.acquisition.logs.report import FD_LENGTHS
 
 DAY_ZERO = datetime(1899, 12, 30, tzinfo=UTC)
 START_TIME = (datetime.fromtimestamp(START, UTC) - DAY_ZERO) / timedelta(days=1)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import se3
 from lmeasure.robots import ParallelFile
-from lmeasure.robots.parallel.guide import SevenLink
+from lmeasure.robots.parallel.legs import SevenLink
 
 # table 1: X, Y, Z, psi, theta, and phi as it was begun with; table 3: phi as it was found
 TABLE_1 = np.array(

@@ -118,7 +118,7 @@ def readers() -> dict[str, Reader]:
 
     with TemporaryDirectory() as scratch:
         cell = Path(scratch) / "cell"
-        init.run(init.Settings(out=cell, template="six-cables"))
+        init.run_init(init.InitSettings(out=cell, template="six-cables"))
         for name, read in (("scenario", _scenario), ("placement", read_placement), ("drums", read_drums), ("program", read_program)):
             if (cell / f"{name}.toml").exists():
                 add(name, ".toml", (cell / f"{name}.toml").read_bytes(), read, "toml")

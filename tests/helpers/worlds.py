@@ -42,7 +42,7 @@ FAR = 50_000
 """Counts from zero at which an encoder starts again."""
 SURE_S = 0.06
 """What the smallest step of a clock that is noticed may leave."""
-PATCHED = ("lmeasure.acquisition.bus.sources", "lmeasure.acquisition.recorder", "lmeasure.acquisition.counters.counting")
+PATCHED = ("lmeasure.acquisition.bus.sources", "lmeasure.acquisition.recorder", "lmeasure.acquisition.recorder")
 
 
 class Killed(BaseException):

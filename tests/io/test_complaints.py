@@ -11,8 +11,7 @@ import test_rig
 from lmeasure.cli.app import main
 from lmeasure.core import FileFormatError, LMeasureError
 from lmeasure.io import Keys, Strict, checked, files
-from lmeasure.io.models import MOST, known_keys
-from lmeasure.io.toml_lines import Document
+from lmeasure.io.models import MOST, Document, known_keys
 from lmeasure.recording import read_counts, read_poses
 from lmeasure.rig import Rig, read_rig
 

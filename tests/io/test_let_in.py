@@ -12,7 +12,7 @@ from lmeasure.io.files import read_bytes
 from lmeasure.io.tables import read_table_in_pieces
 from lmeasure.recording import read_run
 from lmeasure.rig import read_linked_rig
-from lmeasure.view.viewer import check_recording
+from lmeasure.view.recording import check_recording
 
 TRUTH = Path(__file__).parents[1] / "authorities" / "truth"
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lmeasure.iso9283.angles import PLAIN, angle_rates, angles_deg, singular
+from lmeasure.iso9283.figure import PLAIN, angle_rates, angles_deg, singular
 
 
 @pytest.mark.parametrize(("times", "reported"), [(9.9, False), (10.1, True)])

@@ -12,8 +12,7 @@ from scipy.stats import norm
 
 from lmeasure.core import CertificationError
 from lmeasure.iso9283.clauses.corners import Corner, CornerPart, CornerTest, Passing, at_corner, corners_of, passings
-from lmeasure.iso9283.figure import Subject
-from lmeasure.iso9283.path_spectrum import reduced
+from lmeasure.iso9283.figure import Subject, reduced
 from lmeasure.iso9283.paths import Crossings, Cycle, Line, finer
 from lmeasure.recording import CommandedPath
 from lmeasure.trajectory import PoseErrors, kept_over

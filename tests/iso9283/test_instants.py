@@ -12,7 +12,7 @@ from lmeasure.iso9283 import CertificationSettings, evaluate
 from lmeasure.iso9283.characteristic import Characteristic, Contribution
 from lmeasure.iso9283.clauses.velocity import VelocityTest
 from lmeasure.iso9283.figure import OfInstants, Subject
-from lmeasure.iso9283.instants import most_planes, of_crossing, of_duration, on_times, with_instants
+from lmeasure.iso9283.uncertainty import most_planes, of_crossing, of_duration, on_times, with_instants
 from lmeasure.recording import Program
 from lmeasure.text import Message
 from lmeasure.trajectory import PoseErrors, Trajectory, stamps_of

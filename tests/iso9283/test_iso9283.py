@@ -12,14 +12,14 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray
-from lmeasure.iso9283.formulas import path, pose, time
+from lmeasure.iso9283 import formulas
 
 EXAMPLES = tomllib.loads((Path(__file__).parent.parent / "authorities" / "iso9283" / "examples.toml").read_text())
 
 
 def function(name: str) -> Any:
-    """The function of that name, in whichever module of clauses it is."""
-    return next(getattr(m, name) for m in (pose, path, time) if hasattr(m, name))
+    """The function of that name."""
+    return getattr(formulas, name)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -37,8 +37,7 @@ def test_every_figure_has_an_example() -> None:
     helpers |= {"length", "spread"}
     public = {
         name
-        for module in (pose, path, time)
-        for name, value in vars(module).items()
+        for name, value in vars(formulas).items()
         if callable(value) and not name.startswith("_") and getattr(value, "__module__", "").startswith("lmeasure")
     }
     assert public - helpers == set(EXAMPLES)
@@ -50,8 +49,8 @@ def test_orientations_are_as_accurate_wherever_the_command_points(turned: float)
     off = np.array([[0.1, -0.2, 0.05], [-0.15, 0.1, 0.0], [0.2, 0.05, -0.1], [0.05, -0.1, 0.15]])
     attained = (turned + off + 180.0) % 360.0 - 180.0
     commanded = np.full(3, turned)
-    np.testing.assert_allclose(pose.orientation_accuracy(attained, commanded), off.mean(axis=0), atol=1e-12)
-    np.testing.assert_allclose(pose.orientation_repeatability(attained, commanded), 3.0 * off.std(axis=0, ddof=1), atol=1e-12)
+    np.testing.assert_allclose(formulas.orientation_accuracy(attained, commanded), off.mean(axis=0), atol=1e-12)
+    np.testing.assert_allclose(formulas.orientation_repeatability(attained, commanded), 3.0 * off.std(axis=0, ddof=1), atol=1e-12)
 
 
 Values = arrays(np.float64, (5, 3), elements=st.floats(-10, 10, width=32))
@@ -67,13 +66,15 @@ def test_a_rigid_motion_of_everything_changes_nothing(cycles: FloatArray, others
         return np.asarray(rotation.apply(points) + shift)
 
     near: dict[str, Any] = {"rel": 1e-9, "abs": 1e-9}
-    assert float(pose.pose_accuracy(moved(cycles), moved(commanded))) == pytest.approx(float(pose.pose_accuracy(cycles, commanded)), **near)
-    for f in (pose.pose_repeatability, pose.rotation_repeatability):
+    assert float(formulas.pose_accuracy(moved(cycles), moved(commanded))) == pytest.approx(
+        float(formulas.pose_accuracy(cycles, commanded)), **near
+    )
+    for f in (formulas.pose_repeatability, formulas.rotation_repeatability):
         assert float(f(moved(cycles))) == pytest.approx(float(f(cycles)), **near)
-    for g in (pose.distance_repeatability, lambda a, b: pose.distance_accuracy(a, b, 5.0)):
+    for g in (formulas.distance_repeatability, lambda a, b: formulas.distance_accuracy(a, b, 5.0)):
         assert float(g(moved(cycles), moved(others))) == pytest.approx(float(g(cycles, others)), **near)
     groups = [cycles, others]
-    assert float(pose.exchangeability([moved(g) for g in groups])) == pytest.approx(float(pose.exchangeability(groups)), **near)
+    assert float(formulas.exchangeability([moved(g) for g in groups])) == pytest.approx(float(formulas.exchangeability(groups)), **near)
 
 
 @settings(max_examples=50, deadline=None)
@@ -81,11 +82,11 @@ def test_a_rigid_motion_of_everything_changes_nothing(cycles: FloatArray, others
 def test_the_order_of_cycles_changes_nothing(cycles: FloatArray, order: list[int]) -> None:
     commanded = np.array([1.0, 2.0, 3.0])
     for f in (
-        lambda x: pose.pose_accuracy(x, commanded),
-        pose.pose_repeatability,
-        lambda x: pose.orientation_repeatability(x, commanded),
-        lambda x: path.path_repeatability(x[None]),
-        path.cornering_round_off,
+        lambda x: formulas.pose_accuracy(x, commanded),
+        formulas.pose_repeatability,
+        lambda x: formulas.orientation_repeatability(x, commanded),
+        lambda x: formulas.path_repeatability(x[None]),
+        formulas.cornering_round_off,
     ):
         np.testing.assert_allclose(f(cycles[order]), f(cycles), rtol=1e-12, atol=1e-12)
 
@@ -94,30 +95,30 @@ def test_the_order_of_cycles_changes_nothing(cycles: FloatArray, order: list[int
 @given(Values, Turns)
 def test_a_constant_offset_changes_accuracy_and_not_repeatability(cycles: FloatArray, offset: FloatArray) -> None:
     mean = cycles.mean(axis=0)
-    assert float(pose.pose_accuracy(cycles + offset, mean)) == pytest.approx(float(np.linalg.norm(offset)), abs=1e-9)
-    assert float(pose.pose_repeatability(cycles + offset)) == pytest.approx(float(pose.pose_repeatability(cycles)), abs=1e-9)
+    assert float(formulas.pose_accuracy(cycles + offset, mean)) == pytest.approx(float(np.linalg.norm(offset)), abs=1e-9)
+    assert float(formulas.pose_repeatability(cycles + offset)) == pytest.approx(float(formulas.pose_repeatability(cycles)), abs=1e-9)
     planes = np.stack([cycles, 2.0 * cycles])
-    assert float(path.path_repeatability(planes + offset)) == pytest.approx(float(path.path_repeatability(planes)), abs=1e-9)
+    assert float(formulas.path_repeatability(planes + offset)) == pytest.approx(float(formulas.path_repeatability(planes)), abs=1e-9)
 
 
 @settings(max_examples=50, deadline=None)
 @given(Values, st.integers(1, 4))
 def test_draws_in_front_are_only_more_of_the_same(cycles: FloatArray, draws: int) -> None:
     many = np.stack([cycles + i for i in range(draws)])
-    one = [float(pose.pose_repeatability(c)) for c in many]
-    np.testing.assert_allclose(pose.pose_repeatability(many), one)
+    one = [float(formulas.pose_repeatability(c)) for c in many]
+    np.testing.assert_allclose(formulas.pose_repeatability(many), one)
 
 
 def test_what_the_robot_does_not_reach_is_nan() -> None:
     time_s = np.array([0.0, 0.1, 0.2])
-    assert math.isnan(time.stabilisation_time(time_s, np.array([5.0, 4.0, 3.0]), 1.0))
-    assert math.isnan(time.excursion(np.array([5.0, 4.0, 3.0]), 1.0))
-    assert math.isnan(time.departure(time_s, np.array([2.0, 3.0, 4.0]), 1.0))
-    assert math.isnan(path.stabilisation_length(time_s, np.array([2.0, 0.5, 2.0]), 1.0))
+    assert math.isnan(formulas.stabilisation_time(time_s, np.array([5.0, 4.0, 3.0]), 1.0))
+    assert math.isnan(formulas.excursion(np.array([5.0, 4.0, 3.0]), 1.0))
+    assert math.isnan(formulas.departure(time_s, np.array([2.0, 3.0, 4.0]), 1.0))
+    assert math.isnan(formulas.stabilisation_length(time_s, np.array([2.0, 0.5, 2.0]), 1.0))
     # and what it never leaves is zero
-    assert time.stabilisation_time(time_s, np.zeros(3), 1.0) == 0.0
-    assert time.overshoot(time.excursion(np.array([[5.0, 0.5, 0.6], [5.0, 0.2, 0.3]]), 1.0), 1.0) == 0.0
-    assert path.stabilisation_length(time_s, np.zeros(3), 1.0) == 0.0
+    assert formulas.stabilisation_time(time_s, np.zeros(3), 1.0) == 0.0
+    assert formulas.overshoot(formulas.excursion(np.array([[5.0, 0.5, 0.6], [5.0, 0.2, 0.3]]), 1.0), 1.0) == 0.0
+    assert formulas.stabilisation_length(time_s, np.zeros(3), 1.0) == 0.0
 
 
 DRAWN = {
@@ -151,14 +152,14 @@ def test_draws_and_their_draws_in_front_of_every_figure(name: str) -> None:
 def test_on_the_limit_is_within_it() -> None:
     time_s = np.array([0.0, 0.1, 0.2, 0.3])
     # it enters with its second sample and stays on the limit
-    assert time.stabilisation_time(time_s, np.array([5.0, 1.0, 1.0, 0.5]), 1.0) == 0.0
-    assert time.last_arrival(np.array([5.0, 1.0, 1.0]), 1.0) == 1
-    assert time.first_arrival(np.array([5.0, 1.0, 1.0]), 1.0) == 1
-    assert time.overshoot(np.array([0.5, 1.0]), 1.0) == 0.0
-    assert time.excursion(np.array([1.0, 2.0, 0.5]), 1.0) == 2.0
-    assert time.departure(time_s, np.array([1.0, 1.0, 3.0, 4.0]), 1.0) == pytest.approx(0.1)
-    assert path.stabilisation_length(time_s, np.array([3.0, 1.0, 1.0, 1.0]), 1.0) == pytest.approx(0.1)
-    assert path.stabilisation_length(time_s, np.array([5.0, 1.0, 0.0, 0.0]), 2.0) == pytest.approx(0.075)
+    assert formulas.stabilisation_time(time_s, np.array([5.0, 1.0, 1.0, 0.5]), 1.0) == 0.0
+    assert formulas.last_arrival(np.array([5.0, 1.0, 1.0]), 1.0) == 1
+    assert formulas.first_arrival(np.array([5.0, 1.0, 1.0]), 1.0) == 1
+    assert formulas.overshoot(np.array([0.5, 1.0]), 1.0) == 0.0
+    assert formulas.excursion(np.array([1.0, 2.0, 0.5]), 1.0) == 2.0
+    assert formulas.departure(time_s, np.array([1.0, 1.0, 3.0, 4.0]), 1.0) == pytest.approx(0.1)
+    assert formulas.stabilisation_length(time_s, np.array([3.0, 1.0, 1.0, 1.0]), 1.0) == pytest.approx(0.1)
+    assert formulas.stabilisation_length(time_s, np.array([5.0, 1.0, 0.0, 0.0]), 2.0) == pytest.approx(0.075)
 
 
 def test_compliance_by_forces_of_all_axes_and_small_ones() -> None:
@@ -166,15 +167,15 @@ def test_compliance_by_forces_of_all_axes_and_small_ones() -> None:
     rng = np.random.default_rng(2)
     compliance, forces = rng.normal(size=(3, 3)), rng.normal(size=(6, 3)) * 0.1
     positions = np.array([10.0, 20.0, 30.0]) + forces @ compliance.T
-    np.testing.assert_allclose(pose.static_compliance(positions, forces), compliance, rtol=1e-9)
+    np.testing.assert_allclose(formulas.static_compliance(positions, forces), compliance, rtol=1e-9)
     forces[:, 1] = 5.0  # a load that stays is none
-    found = pose.static_compliance(np.array([1.0, 2.0, 3.0]) + forces @ compliance.T, forces)
+    found = formulas.static_compliance(np.array([1.0, 2.0, 3.0]) + forces @ compliance.T, forces)
     assert np.isnan(found[:, 1]).all()
     np.testing.assert_allclose(found[:, [0, 2]], compliance[:, [0, 2]], rtol=1e-9)
 
 
 def test_a_band_that_is_kept_from_the_first_sample_on_is_entered_there() -> None:
-    assert time.crossing(np.array([2.0, 3.0]), np.array([0.5, 0.4]), np.array(0), 1.0) == 2.0
+    assert formulas.crossing(np.array([2.0, 3.0]), np.array([0.5, 0.4]), np.array(0), 1.0) == 2.0
 
 
 def moment(time_s: FloatArray, distance: FloatArray, i: int) -> float:
@@ -206,11 +207,11 @@ def test_times_are_those_that_looking_at_one_sample_after_the_other_gives() -> N
     there = np.array([[looked_at(time_s, d)[1] for d in row] for row in other])
     first, last, farthest, left = np.moveaxis(alone, -1, 0)
     assert (np.isnan(alone).any(axis=(0, 1)) & (alone == time_s[0]).any(axis=(0, 1)))[[0, 1]].all()
-    entered = time.arrivals(time_s, distance, 2.0)
+    entered = formulas.arrivals(time_s, distance, 2.0)
     np.testing.assert_allclose(entered, [first, last], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(time.stabilisation_time(time_s, distance, 2.0), last - first, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(time.excursion(distance, 2.0), farthest)
-    np.testing.assert_allclose(time.departure(time_s, distance, 2.0), left, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(time.posing_time(time_s, distance, other, 2.0), there - left, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(formulas.stabilisation_time(time_s, distance, 2.0), last - first, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(formulas.excursion(distance, 2.0), farthest)
+    np.testing.assert_allclose(formulas.departure(time_s, distance, 2.0), left, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(formulas.posing_time(time_s, distance, other, 2.0), there - left, rtol=0, atol=1e-12)
     reached = farthest[~np.isnan(farthest).any(axis=1)]
-    np.testing.assert_array_equal(time.overshoot(reached, 2.0), [max([0.0, *(x for x in row if x > 2.0)]) for row in reached])
+    np.testing.assert_array_equal(formulas.overshoot(reached, 2.0), [max([0.0, *(x for x in row if x > 2.0)]) for row in reached])

@@ -13,7 +13,7 @@ from lmeasure.core import FloatArray
 from lmeasure.iso9283 import CertificationSettings
 from lmeasure.iso9283.attainment import attained
 from lmeasure.iso9283.clauses.path import PathPart, tests as path_tests
-from lmeasure.iso9283.path_spectrum import cosines, reduced
+from lmeasure.iso9283.figure import cosines, reduced
 from lmeasure.trajectory import PoseErrors
 from lmeasure.trajectory.time.stamps import sound
 

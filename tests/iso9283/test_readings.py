@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from lmeasure.core import FloatArray
-from lmeasure.iso9283 import CertificationSettings
-from lmeasure.iso9283.formulas import path, time
+from lmeasure.iso9283 import CertificationSettings, formulas
 from lmeasure.iso9283.motion_readings import Finer, Motion, Reading, Reported, Stretch
 from lmeasure.trajectory import Frame, PoseErrors, Trajectory, phases, roundings
 from lmeasure.trajectory.time.stamps import sound
@@ -97,12 +96,12 @@ def test_u95_holds_what_a_spline_is_off() -> None:
     motion = motion_of(trajectory, law, trials=10)
 
     def at(time_s: FloatArray, vectors: FloatArray) -> FloatArray:
-        return np.asarray(time.stabilisation_time(time_s, np.abs(vectors[..., 0]), 0.05)[..., None])
+        return np.asarray(formulas.stabilisation_time(time_s, np.abs(vectors[..., 0]), 0.05)[..., None])
 
     reported = motion.read([motion.stretch(0.0, 1.0, "window", begins=False)], Reading(at, lambda v: np.abs(v[..., 0]), 0.05, np.ones(1)))
     fine = np.arange(0.0, 1.0, 1e-5)
     away = np.abs(np.exp(-fine / 0.15) * np.cos(2 * np.pi * 31.25 * fine + 0.4))
-    off = abs(float(reported.values[0, 0]) - float(time.stabilisation_time(fine, away, 0.05)))
+    off = abs(float(reported.values[0, 0]) - float(formulas.stabilisation_time(fine, away, 0.05)))
     assert 0.0 < off < reported.u95(0, np.mean) < 100.0 * off + 1e-3
 
 
@@ -135,7 +134,7 @@ def test_a_way_back_within_a_limit_errs_by_the_error_over_the_slope(shared: floa
     motion = motion_of(trajectory, law, trials=2000)
 
     def back(_: FloatArray, vectors: FloatArray) -> FloatArray:
-        return path.stabilisation_length(vectors[..., 0], np.abs(vectors[..., 1]), 0.5)[..., None]
+        return formulas.stabilisation_length(vectors[..., 0], np.abs(vectors[..., 1]), 0.5)[..., None]
 
     stretch = Stretch(np.arange(len(t)), t, trajectory.poses, (np.array([0]),))
     reported = motion.read([stretch], Reading(back, lambda v: np.abs(v[..., 1]), 0.5, np.array([100.0]), origin=np.zeros(3)))
@@ -153,7 +152,7 @@ def test_whether_a_robot_leaves_the_band_again_is_told_as_well_as_it_is_known() 
     reported = Reported(base, np.zeros((3, 1)), ((base, base + 0.005 * rng.normal(size=(4000, 3, 1))),))
 
     def largest(excursions: FloatArray, axis: int = -1) -> FloatArray:
-        return time.overshoot(excursions, 0.1, axis)
+        return formulas.overshoot(excursions, 0.1, axis)
 
     assert largest(reported.values[:, 0]) == 0.104
     assert reported.u95(0, largest, above=0.1) >= 0.1

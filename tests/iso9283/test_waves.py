@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lmeasure.iso9283.path_spectrum import cosines, reduced
+from lmeasure.iso9283.figure import cosines, reduced
 
 
 @pytest.mark.parametrize("stretch", [[0] * 7, [0, 0, 0, 1, 1, 1, 1, 1], [0, 1, 2]])

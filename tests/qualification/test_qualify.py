@@ -15,7 +15,7 @@ from lmeasure import api
 from lmeasure.certificate import read_public_key
 from lmeasure.cli.app import app
 from lmeasure.core import OverwriteError
-from lmeasure.qualification import checks, judge_all, published_budgets, qualify, run_checks
+from lmeasure.qualification import checks, judge_all, published_budgets, run_checks
 
 
 def test_a_sound_installation_is_qualified_and_the_report_is_signed(tmp_path: Path) -> None:
@@ -78,5 +78,5 @@ def test_an_error_in_a_check_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> No
         raise RuntimeError("broken")
 
     monkeypatch.setattr(checks, "span_lengths", broken)
-    monkeypatch.setattr(qualify, "CHECKS", (checks.cable_lengths, checks.formulas))
+    monkeypatch.setattr(checks, "CHECKS", (checks.cable_lengths, checks.formulas))
     assert [check.passed for check in run_checks(lambda done, of: None)] == [False, True]

@@ -15,7 +15,7 @@ STROKE = re.compile(r'd="M(\S+) (\S+)L(\S+) (\S+)" fill="none" stroke="#b3261e"'
 
 
 def test_a_page_beside_the_file(tmp_path: Path) -> None:
-    done = init.run(init.Settings(out=tmp_path / "cell", template="six-cables", show=True))
+    done = init.run_init(init.InitSettings(out=tmp_path / "cell", template="six-cables", show=True))
     page = (tmp_path / "cell" / "rig.html").read_text(encoding="utf-8")
     assert done.page == tmp_path / "cell" / "rig.html"
     assert page.count("guide_beta_deg 90") == 1

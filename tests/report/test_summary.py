@@ -10,8 +10,8 @@ import segno
 from lxml import etree
 
 from lmeasure.certificate import chosen, round_scale
-from lmeasure.certificate.budget import MOST
-from lmeasure.certificate.details import Logo, read_details, read_logo
+from lmeasure.certificate.content import MOST
+from lmeasure.certificate.dcc import Logo, read_details, read_logo
 from lmeasure.certificate.pictures import round_down
 from lmeasure.core import CertificationError
 from lmeasure.report import certificate_text as say, drawings, every_figure, headline

@@ -13,7 +13,7 @@ from lmeasure.io import write_table
 from lmeasure.io.tables import read_table
 from lmeasure.robots import read_identified, read_measurements, read_urdf
 from lmeasure.robots.robot import shipped
-from lmeasure.robots.serial_robot import SerialRobot
+from lmeasure.robots.serial import SerialRobot
 
 BASE = np.array([2000.0, -300.0, 500.0, *Rotation.from_rotvec([0.4, 2.0, -1.0]).as_quat()])
 TOOL = np.array([40.0, -25.0, 110.0, 0.0, 0.0, 0.0, 1.0])

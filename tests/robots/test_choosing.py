@@ -11,7 +11,7 @@ from lmeasure.robots import Identified, Measurements, Settings, freed, identify,
 from lmeasure.robots.identification.hold_out import AMONG, FALSE_ALARM
 from lmeasure.robots.identification.measurements import measured
 from lmeasure.robots.robot import Payload, shipped
-from lmeasure.robots.serial_robot import SerialRobot
+from lmeasure.robots.serial import SerialRobot
 
 PAYLOAD = Payload(mass_kg=8.0, centre_mm=(0.0, 0.0, 120.0))
 NOMINAL = shipped("generic6").model_copy(update={"payload": PAYLOAD}).model

@@ -12,10 +12,10 @@ from lmeasure.cli.app import app
 from lmeasure.core import FloatArray, se3
 from lmeasure.robot_programs import fanuc, fits, krl, rapid, ur_script
 from lmeasure.robots import IdentifiedRobot, Limits, RobotModel, in_keep_out, read_identified, ways
-from lmeasure.robots.correction.correction import correct
-from lmeasure.robots.identification.read_record import Placed
+from lmeasure.robots.correction.error_map import correct
+from lmeasure.robots.identification.record import Placed
 from lmeasure.robots.robot import shipped
-from lmeasure.robots.serial_robot import SerialRobot
+from lmeasure.robots.serial import SerialRobot
 
 TOOL = np.array([10.0, 20.0, 150.0, 0.0, np.sin(0.1), 0.0, np.cos(0.1)])
 BASE = np.array([1000.0, 50.0, -30.0, 0.0, 0.0, np.sin(0.6), np.cos(0.6)])

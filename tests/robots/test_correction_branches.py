@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from lmeasure.core import FloatArray, RobotError, se3
 from lmeasure.robot_programs import Corrected, Dialect, Source, corrected_program, fanuc, fits, krl, rapid, target_tables
 from lmeasure.robots import IdentifiedRobot, Limits, RobotModel, any_shipped, whole_turns
-from lmeasure.robots.correction.correction import MOST_JOINT_RAD, correct
+from lmeasure.robots.correction.error_map import MOST_JOINT_RAD, correct
 from lmeasure.robots.platform import Platform
 from lmeasure.robots.robot import shipped
 

@@ -14,7 +14,7 @@ from lmeasure.robots import error_map, identify_with_choice, predict
 from lmeasure.robots.correction.error_map import NUGGET, Process, _affine, _apart, _covariance, inside
 from lmeasure.robots.identification.measurements import measured
 from lmeasure.robots.robot import shipped
-from lmeasure.robots.serial_robot import SerialRobot
+from lmeasure.robots.serial import SerialRobot
 
 HALF_MM, TILT_RAD, NOISE_MM = 250.0, 0.25, 0.02
 NEAR = np.radians([0.0, 10.0, 10.0, 0.0, 60.0, 0.0])

@@ -14,7 +14,7 @@ from lmeasure.core import RobotError
 from lmeasure.io import Column, columns_of
 from lmeasure.robot_programs import Corrected, Source, corrected_program, dialect_of
 from lmeasure.robots import IdentifiedRobot, Limits, Robot, write_robot
-from lmeasure.robots.file_fields import Frame
+from lmeasure.robots.model import Frame
 from lmeasure.robots.robot import Revolute, shipped
 
 HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])

@@ -10,8 +10,7 @@ from lmeasure.core import FloatArray, LMeasureError, se3
 from lmeasure.io import columns_of
 from lmeasure.rig import read_rig
 from lmeasure.robots import Settings, given, identify
-from lmeasure.robots.identification.inputs import Given
-from lmeasure.robots.identification.trajectory_rests import aligned
+from lmeasure.robots.identification.read_measurements import Given, aligned
 from lmeasure.robots.robot import shipped
 from lmeasure.sensors import counts_from_poses
 from lmeasure.trajectory import Stated, read_trajectory

@@ -11,13 +11,12 @@ from lmeasure.core import LMeasureError, RobotError, se3
 from lmeasure.io import columns_of
 from lmeasure.robots import Measurements, Robot, Settings, identify, predict, read_measurements, unknown_frames
 from lmeasure.robots.identification import hold_out, slips
-from lmeasure.robots.identification.initial_frames import find_frames
 from lmeasure.robots.identification.measurements import measured
 from lmeasure.robots.identification.observability import determined_parameters, silent_directions
 from lmeasure.robots.identification.problem import Noise, Problem
-from lmeasure.robots.identification.unknowns import Unknowns
+from lmeasure.robots.identification.unknowns import Unknowns, find_frames
 from lmeasure.robots.robot import shipped
-from lmeasure.robots.serial_robot import SerialRobot
+from lmeasure.robots.serial import SerialRobot
 
 UR5 = Path(__file__).parents[2] / "datasets" / "ur5" / "grid.csv"
 BASE = np.array([2000.0, -300.0, 500.0, *Rotation.from_rotvec([0.4, 2.0, -1.0]).as_quat()])

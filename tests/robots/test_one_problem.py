@@ -9,13 +9,12 @@ from scipy.spatial.transform import Rotation
 from lmeasure.core import FloatArray, se3
 from lmeasure.estimation import Deletion, fit
 from lmeasure.robots import Identified, Measurements, Settings, identify
-from lmeasure.robots.identification.initial_frames import Frames
+from lmeasure.robots.identification.identify import of_all
 from lmeasure.robots.identification.measurements import measured
-from lmeasure.robots.identification.outliers import of_all
 from lmeasure.robots.identification.problem import Problem, solved
-from lmeasure.robots.identification.unknowns import Unknowns
+from lmeasure.robots.identification.unknowns import Frames, Unknowns
 from lmeasure.robots.robot import shipped
-from lmeasure.robots.serial_robot import SerialRobot
+from lmeasure.robots.serial import SerialRobot
 
 BASE = np.array([2000.0, -300.0, 500.0, *Rotation.from_rotvec([0.4, 2.0, -1.0]).as_quat()])
 TOOL = np.array([40.0, -25.0, 110.0, *Rotation.from_rotvec([0.3, -0.2, 1.1]).as_quat()])

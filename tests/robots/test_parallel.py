@@ -9,9 +9,9 @@ import pytest
 
 from lmeasure.core import FloatArray, RobotError, se3
 from lmeasure.robots import Measurements, ParallelFile, Settings, any_shipped, checked, identify, predict
-from lmeasure.robots.file_fields import Limits
 from lmeasure.robots.identification.measurements import measured
 from lmeasure.robots.identification.observability import determined_parameters
+from lmeasure.robots.model import Limits
 from lmeasure.robots.parallel import limits, model
 from lmeasure.robots.parallel.limits import own_roots
 from lmeasure.robots.parallel.model import Parallel

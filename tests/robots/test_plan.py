@@ -12,10 +12,9 @@ from lmeasure.core import RobotError, SettingsError, se3
 from lmeasure.recording import read_poses
 from lmeasure.rig import read_rig
 from lmeasure.robots import Allowed, ParallelFile, any_shipped, freed, nearness, read_measurements
-from lmeasure.robots.identification.initial_frames import Frames
 from lmeasure.robots.identification.measurements import POSITION, measured
-from lmeasure.robots.identification.plan import chosen
-from lmeasure.robots.identification.unknowns import Unknowns
+from lmeasure.robots.identification.observability import chosen
+from lmeasure.robots.identification.unknowns import Frames, Unknowns
 from lmeasure.robots.parallel.model import Parallel
 from lmeasure.robots.parallel.study import inside
 from lmeasure.robots.robot import shipped

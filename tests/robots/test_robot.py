@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.core import FloatArray, LMeasureError, RobotError
 from lmeasure.robots import Robot, read_robot, read_urdf, serial as arms, write_robot
 from lmeasure.robots.robot import robot_from_dict, serial, shipped
-from lmeasure.robots.serial_robot import SerialRobot
+from lmeasure.robots.serial import SerialRobot
 
 
 def gantry() -> Robot:

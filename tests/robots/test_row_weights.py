@@ -17,7 +17,7 @@ from lmeasure.robots.identification.measurements import measured
 from lmeasure.robots.identification.observability import determined_parameters
 from lmeasure.robots.identification.problem import solved, stay_distances
 from lmeasure.robots.robot import shipped
-from lmeasure.robots.serial_robot import SerialRobot
+from lmeasure.robots.serial import SerialRobot
 
 BASE = np.array([2000.0, -300.0, 500.0, *Rotation.from_rotvec([0.4, 2.0, -1.0]).as_quat()])
 TOOL = np.array([40.0, -25.0, 110.0, 0.0, 0.0, 0.0, 1.0])

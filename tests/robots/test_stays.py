@@ -14,8 +14,7 @@ from lmeasure.cli.app import main
 from lmeasure.core import FloatArray, se3
 from lmeasure.io.tables import read_table
 from lmeasure.robots import Identified, Measurements, beyond, held_out, identify, identify_with_choice, predict, read_identified
-from lmeasure.robots.identification.measurements import measured
-from lmeasure.robots.identification.stays import stays_of
+from lmeasure.robots.identification.measurements import measured, stays_of
 from lmeasure.robots.robot import shipped
 
 CASE = Path(__file__).parents[1] / "authorities" / "repeated-readings"

@@ -14,7 +14,7 @@ from lmeasure.acquisition import Check
 from lmeasure.acquisition.check.self_test import CableCheck
 from lmeasure.cli.app import main
 from lmeasure.recording import write_run
-from lmeasure.workflows import check
+from lmeasure.workflows import record
 
 SEALED = Path(__file__).parents[1] / "authorities" / "sealed" / "with-run" / "inputs"
 
@@ -96,8 +96,8 @@ def test_a_self_test_shows_its_strokes_and_faults(tmp_path: Path, monkeypatch: p
     write_rig(tmp_path / "rig.toml", true_rig(swivels=False))
     cables = (CableCheck("c1", "ch1", "ch1", 1, stroke_mm=312.5, slack_mm=0.5), CableCheck("c2", "ch2", faults=("no channel moved",)))
     monkeypatch.setattr("lmeasure.acquisition.self_test", lambda *_, **__: Check(200.0, {}, cables, ()))
-    settings = check.Settings(rig=tmp_path / "rig.toml", bus="virtual:scene", rerun=tmp_path / "check.rrd")
-    check.run(settings, ask=lambda step: "")
+    settings = record.CheckSettings(rig=tmp_path / "rig.toml", bus="virtual:scene", rerun=tmp_path / "check.rrd")
+    record.run_check(settings, ask=lambda step: "")
     assert scalars(tmp_path / "check.rrd", "/stroke_mm/c1", "row").tolist() == [312.5]
     assert np.isnan(scalars(tmp_path / "check.rrd", "/stroke_mm/c2", "row")).all()
     assert "no channel moved" in stored(tmp_path / "check.rrd", "/notes", "TextDocument:text")[1][0][0]

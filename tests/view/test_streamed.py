@@ -19,8 +19,8 @@ from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.sensors import Lengths
 from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
 from lmeasure.trajectory import Trajectory, reconstruct, reconstruct_stream
-from lmeasure.view import space, streamed_recording, trajectory, write_recording
-from lmeasure.view.space import Thinned
+from lmeasure.view import recording, stages, streamed_recording, write_recording
+from lmeasure.view.recording import Thinned
 
 N = 1500
 PIECE = 128
@@ -31,7 +31,7 @@ PLACE = np.array([120.0, -80.0, 60.0, 0.0, 0.0, 0.0, 1.0])
 @pytest.fixture(autouse=True)
 def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tables, "PIECE_ROWS", PIECE)
-    for module in (space, trajectory):
+    for module in (recording, stages):
         monkeypatch.setattr(module, "MAX_FRAMES", 200)
         monkeypatch.setattr(module, "MAX_PATH_POINTS", 400)
 
@@ -121,7 +121,7 @@ def test_pictures_of_pieces_are_as_many_and_true(tmp_path: Path) -> None:
     assert changes <= frames.keys()
     assert 150 <= len(frames) <= 2 * 200 + len(changes)
     assert {at for at, strip in frames.items() if not strip} == {at for at in frames if np.isnan(poses[at, 0])}
-    ends = space.metres(poses[:, :3])
+    ends = recording.metres(poses[:, :3])
     (_, strips) = found["/world/path", "LineStrips3D:strips"][0]
     points = np.concatenate([np.array(strip, dtype=np.float32) for strip in strips])
     # a strip for each colour of its 95 % radius, which begins where the one before it ended

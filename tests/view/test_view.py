@@ -20,8 +20,7 @@ from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import Leg, SimulatedRun, cell_rig, scattered_poses, simulate_run, smooth_path
 from lmeasure.trajectory import Trajectory, reconstruct
 from lmeasure.view import open_viewer, write_recording
-from lmeasure.view.space import ZONE_COLOURS
-from lmeasure.view.viewer import RERUN, check_recording
+from lmeasure.view.recording import RERUN, ZONE_COLOURS, check_recording
 
 GAP = slice(120, 130)
 

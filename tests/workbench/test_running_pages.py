@@ -15,7 +15,7 @@ from clicks import HERE, entered, fill, press, visit
 from lmeasure.acquisition import STALE_S, counter_fields
 from lmeasure.acquisition.bus.feed import frames_from_counts
 from lmeasure.acquisition.bus.sources import Notice
-from lmeasure.acquisition.counters.counting import Counting
+from lmeasure.acquisition.recorder import Counting
 from lmeasure.cli import events
 from lmeasure.rig import write_rig
 from lmeasure.simulation import cell_rig

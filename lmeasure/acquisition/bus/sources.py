@@ -109,7 +109,7 @@ class Source(Protocol):
 
     @property
     def behind_s(self) -> float:
-        """How long the oldest frame that was not taken yet has waited [s]."""
+        """Return how long the oldest frame that was not taken yet has waited [s]."""
 
     def receive(self, timeout_s: float) -> Frames | None:
         """Frames that came within the time, perhaps none; None when there will be no more. AcquisitionError when the source is lost."""
@@ -184,7 +184,6 @@ class BusSource:
                     return
 
     def receive(self, timeout_s: float) -> Frames | None:
-        """Frames that came until timeout_s has passed, or earlier when there are many."""
         end = time.monotonic() + timeout_s
         while len(self._arrived) < MOST_AT_ONCE and time.monotonic() < end and not self._done.is_set():
             time.sleep(min(max(end - time.monotonic(), 0.0), 0.02))
@@ -232,13 +231,11 @@ class BusSource:
 
     @property
     def behind_s(self) -> float:
-        """Return how long the oldest frame that was not taken yet has waited [s]."""
         with contextlib.suppress(IndexError):  # the thread that reads only adds
             return time.monotonic() - self._arrived[0][1]
         return 0.0
 
     def notices(self) -> list[Notice]:
-        """Return what happened to the bus since the last question."""
         return [self._notices.popleft() for _ in range(len(self._notices))]
 
     def _shut(self) -> None:
@@ -246,7 +243,6 @@ class BusSource:
             self.bus.shutdown()
 
     def close(self) -> None:
-        """Close the bus."""
         self._done.set()
         self._reader.join()
         self._shut()
@@ -333,7 +329,6 @@ class ReplaySource:
         self._begin: float | None = None
 
     def receive(self, timeout_s: float) -> Frames | None:
-        """The next frames of the log; paced, those whose time has come."""
         if len(self._held) == 0 and self._batches is not None:
             self._held = next(self._batches, no_frames())
         if len(self._held) == 0:
@@ -352,14 +347,12 @@ class ReplaySource:
         return out
 
     def notices(self) -> list[Notice]:
-        """Return what could not be read of the log, once it has ended."""
         if self._batches is not None:
             return []
         notes, self._report = self._report.notes(), LogReport()
         return [Notice("unread", note) for note in notes]
 
     def close(self) -> None:
-        """Stop reading."""
         if self._batches is not None:
             self._batches.close()  # type: ignore[attr-defined]
         self._batches, self._held = None, no_frames()
@@ -389,13 +382,11 @@ class SimulatedSource(BusSource):
         self._thread.start()
 
     def receive(self, timeout_s: float) -> Frames | None:
-        """Frames of the feed; None when it has ended and all are taken."""
         running = self._thread.is_alive()
         frames = super().receive(timeout_s)
         return frames if frames is None or len(frames) or running else None
 
     def close(self) -> None:
-        """Stop the feed and close both ends."""
         self._stop.set()
         self._thread.join()
         self._sender.shutdown()

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from lmeasure.acquisition.bus.transmission import ordinal
+from lmeasure.acquisition.bus.network import ordinal
 from lmeasure.acquisition.check.watch import AGAIN as AGAIN, LEAST_PULL_MM, LEAST_TURN_DEG, Ask as Ask, Step as Step, Watch
-from lmeasure.acquisition.counters.wraps import range_notes
+from lmeasure.acquisition.counters.origins import range_notes
 from lmeasure.acquisition.session import Link
 from lmeasure.core import AcquisitionError, DataFrame, Shown, framed
 from lmeasure.rig import Cable, Rig, SensorChannel, default_can, rig_from_dict

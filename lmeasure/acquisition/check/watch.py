@@ -10,8 +10,8 @@ import numpy as np
 
 from lmeasure.acquisition.bus.network import BusWatch
 from lmeasure.acquisition.counters.assembly import new_assembler
+from lmeasure.acquisition.counters.origins import GoneOn, moduli
 from lmeasure.acquisition.counters.samples import SyncAssembler
-from lmeasure.acquisition.counters.wraps import GoneOn, moduli
 from lmeasure.acquisition.session import Link
 from lmeasure.core import AcquisitionError, FloatArray
 from lmeasure.rig import Rig

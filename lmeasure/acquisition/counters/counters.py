@@ -10,8 +10,7 @@ from lmeasure.acquisition.bus.frames import ERROR, EXTENDED, REMOTE, Frames
 from lmeasure.acquisition.bus.network import LOST
 from lmeasure.acquisition.counters.decoders import NO_RANGE, CounterField
 from lmeasure.acquisition.counters.events import Event, EventLog
-from lmeasure.acquisition.counters.origins import Doubt, Line, Pause, speed_of
-from lmeasure.acquisition.counters.wraps import may_wrap
+from lmeasure.acquisition.counters.origins import Doubt, Line, Pause, may_wrap, speed_of
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.kernels import runs_on
 from lmeasure.rig import StartInput

@@ -8,14 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.acquisition.bus.frames import Frames
-from lmeasure.acquisition.bus.network import NetworkWatch, Word
-from lmeasure.acquisition.bus.transmission import ANSWERS, MOST, Transmission, ordinal
+from lmeasure.acquisition.bus.network import ANSWERS, MOST, NetworkWatch, Transmission, Word, ordinal
 from lmeasure.acquisition.counters.clock import LATE, SURE, Clock, Repair, earliest
 from lmeasure.acquisition.counters.counters import CounterState, Said, StartLine
 from lmeasure.acquisition.counters.decoders import CounterField, Readings, decode
 from lmeasure.acquisition.counters.events import Event, EventLog
-from lmeasure.acquisition.counters.origins import longest_interval
-from lmeasure.acquisition.counters.wraps import Evidence
+from lmeasure.acquisition.counters.origins import Evidence, longest_interval
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.kernels import tabulate
 from lmeasure.text import joined as in_sequence, message

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import BinaryIO
 
 from lmeasure.acquisition.bus.frames import BUS_OFF, ERROR, PASSIVE, WARNING, Frames, controller_state, frames_from_messages
-from lmeasure.acquisition.logs.lines import blocks_of_lines, by_library, decoded, scanned_batches
 from lmeasure.acquisition.logs.report import (
     BLANK,
     COMMENT,
@@ -18,6 +17,10 @@ from lmeasure.acquisition.logs.report import (
     LogFormat,
     LogReport,
     UnreadableError,
+    blocks_of_lines,
+    by_library,
+    decoded,
+    scanned_batches,
 )
 from lmeasure.core import IntArray
 from lmeasure.kernels import EVENTS, Bytes, Columns, scan_asc

@@ -8,7 +8,6 @@ from typing import BinaryIO
 import numpy as np
 
 from lmeasure.acquisition.bus.frames import CLASSIC_BYTES, Frames
-from lmeasure.acquisition.logs.lines import blocks_of_lines, by_library, decoded, scanned_batches
 from lmeasure.acquisition.logs.report import (
     BLANK,
     COMMENT,
@@ -17,8 +16,12 @@ from lmeasure.acquisition.logs.report import (
     LogFormat,
     LogReport,
     UnreadableError,
+    blocks_of_lines,
+    by_library,
+    decoded,
     frames_of,
     new_columns,
+    scanned_batches,
 )
 from lmeasure.core import IntArray
 from lmeasure.kernels import NAME_BYTES, NAMES, Bytes, Columns, scan_candump

@@ -14,16 +14,20 @@ from typing import BinaryIO
 import numpy as np
 
 from lmeasure.acquisition.bus.frames import BITRATE_SWITCH, CLASSED, ERROR, ERROR_STATE, EXTENDED, FD, LARGEST_CLASS, REMOTE, SENT, Frames
-from lmeasure.acquisition.logs.lines import Line, blocks_of_lines, data_bytes, decimal_number, line_batches
 from lmeasure.acquisition.logs.report import (
     COMMENT,
     COMMENT_SIGNS,
     LARGEST_IDENTIFIER,
     UNKNOWN_LINE,
+    Line,
     LogFormat,
     LogReport,
     UnreadableError,
+    blocks_of_lines,
     bytes_announced,
+    data_bytes,
+    decimal_number,
+    line_batches,
 )
 from lmeasure.kernels import Bytes
 from lmeasure.text import message

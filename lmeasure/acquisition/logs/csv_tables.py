@@ -13,8 +13,18 @@ from functools import partial
 from pathlib import Path
 
 from lmeasure.acquisition.bus.frames import CLASSED, CLASSIC_BYTES, ERROR, EXTENDED, FD, LARGEST_CLASS, REMOTE, SENT
-from lmeasure.acquisition.logs.lines import Line, by_lines, data_bytes, decimal_number, hexadecimal, whole_number
-from lmeasure.acquisition.logs.report import COMMENT, HEADER, LARGEST_STANDARD, LogFormat
+from lmeasure.acquisition.logs.report import (
+    COMMENT,
+    HEADER,
+    LARGEST_STANDARD,
+    Line,
+    LogFormat,
+    by_lines,
+    data_bytes,
+    decimal_number,
+    hexadecimal,
+    whole_number,
+)
 from lmeasure.core import FileFormatError
 from lmeasure.text import composed, message
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.acquisition.bus.frames import ERROR, EXTENDED, REMOTE, Frames
+from lmeasure.acquisition.bus.network import REGULAR, every, ordinal
 from lmeasure.acquisition.bus.sources import Source
-from lmeasure.acquisition.bus.transmission import REGULAR, every, ordinal
 from lmeasure.acquisition.logs.read import log_batches
 from lmeasure.acquisition.logs.report import LogReport
 from lmeasure.core import AcquisitionError, DataFrame, FileFormatError, FloatArray, IntArray, Shown, framed

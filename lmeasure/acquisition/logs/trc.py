@@ -26,8 +26,22 @@ from lmeasure.acquisition.bus.frames import (
     WARNING,
     controller_state,
 )
-from lmeasure.acquisition.logs.lines import FD_LENGTHS, Line, announced, by_lines, data_bytes, decimal_number, hexadecimal, whole_number
-from lmeasure.acquisition.logs.report import COMMENT, HEADER, LARGEST_STANDARD, UNKNOWN_LINE, LogFormat, UnreadableError
+from lmeasure.acquisition.logs.report import (
+    COMMENT,
+    FD_LENGTHS,
+    HEADER,
+    LARGEST_STANDARD,
+    UNKNOWN_LINE,
+    Line,
+    LogFormat,
+    UnreadableError,
+    announced,
+    by_lines,
+    data_bytes,
+    decimal_number,
+    hexadecimal,
+    whole_number,
+)
 from lmeasure.core import FileFormatError
 from lmeasure.text import message
 

@@ -18,8 +18,22 @@ from lmeasure.core import (
     rotation_from_angles,
 )
 from lmeasure.io import files
-from lmeasure.io.foreign.cells import are_clock_times, clock_times, decimal_marks, plain, scaled, without_blanks
-from lmeasure.io.foreign.layout import ANGLES, BODY, COLUMN_KINDS, UNITS, Column, Layout, headed, layout_of
+from lmeasure.io.foreign.layout import (
+    ANGLES,
+    BODY,
+    COLUMN_KINDS,
+    UNITS,
+    Column,
+    Layout,
+    are_clock_times,
+    clock_times,
+    decimal_marks,
+    headed,
+    layout_of,
+    plain,
+    scaled,
+    without_blanks,
+)
 from lmeasure.text import message
 
 UNIT_TOLERANCE = 1e-3

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.core import FloatArray, IntArray
+from lmeasure.iso9283 import formulas as iso
 from lmeasure.iso9283.attainment import Attainment
 from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, SampleErrors
 from lmeasure.iso9283.clauses.pose import PosePart, numbered, of_rests
 from lmeasure.iso9283.figure import AXES, Figure, Maker, Subject, component
-from lmeasure.iso9283.formulas import pose as iso
 from lmeasure.iso9283.uncertainty import Part
 from lmeasure.trajectory import AttainedPose, attain
 

@@ -13,12 +13,11 @@ import numpy as np
 import scipy
 
 from lmeasure.core import CertificationError, FloatArray, IntArray
+from lmeasure.iso9283 import formulas as iso
 from lmeasure.iso9283.attainment import Attainment
 from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, SampleErrors
 from lmeasure.iso9283.clauses.path import DOUBT_OF_MEAN
-from lmeasure.iso9283.figure import Figure, Maker, Subject
-from lmeasure.iso9283.formulas import path as iso
-from lmeasure.iso9283.path_spectrum import reduced as less
+from lmeasure.iso9283.figure import Figure, Maker, Subject, reduced as less
 from lmeasure.iso9283.paths import FINER, Crossings, Cycle, finer, share
 from lmeasure.iso9283.sample_gaps import EDGE, Between, Chords, at_corner as read_at_corner, between, of_samples, with_hidden
 from lmeasure.iso9283.uncertainty import Part

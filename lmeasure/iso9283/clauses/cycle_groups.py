@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from lmeasure.core import FloatArray
+from lmeasure.iso9283 import formulas as iso
 from lmeasure.iso9283.attainment import Attainment
 from lmeasure.iso9283.clause import Clause, IsoTest, Quantity
 from lmeasure.iso9283.clauses.pose import split
 from lmeasure.iso9283.figure import ANGLES, Figure, Maker, Subject
-from lmeasure.iso9283.formulas import pose as iso
 
 
 @dataclass(frozen=True, kw_only=True)

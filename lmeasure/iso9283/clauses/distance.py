@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.core import CertificationError, FloatArray
+from lmeasure.iso9283 import formulas as iso
 from lmeasure.iso9283.attainment import Attainment
 from lmeasure.iso9283.clause import Clause, IsoTest, Quantity
 from lmeasure.iso9283.figure import Figure, Maker, States, Subject
-from lmeasure.iso9283.formulas import pose as iso
 from lmeasure.recording import Distance
 from lmeasure.text import message
 

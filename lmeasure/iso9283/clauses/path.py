@@ -8,17 +8,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, IntArray, se3
-from lmeasure.iso9283.angles import angle_rates, angles_deg
+from lmeasure.iso9283 import formulas as iso
 from lmeasure.iso9283.attainment import Attainment
 from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, SampleErrors
-from lmeasure.iso9283.figure import ANGLES, Figure, Maker, Subject
-from lmeasure.iso9283.formulas import path as iso
-from lmeasure.iso9283.formulas.pose import wrapped
-from lmeasure.iso9283.instants import of_crossing
-from lmeasure.iso9283.path_spectrum import cosines, reduced
+from lmeasure.iso9283.figure import ANGLES, Figure, Maker, Subject, angle_rates, angles_deg, cosines, reduced
+from lmeasure.iso9283.formulas import wrapped
 from lmeasure.iso9283.paths import Crossings
 from lmeasure.iso9283.sample_gaps import of_samples, with_hidden
-from lmeasure.iso9283.uncertainty import NORMAL_95_ONE_SIDED, Part
+from lmeasure.iso9283.uncertainty import NORMAL_95_ONE_SIDED, Part, of_crossing
 from lmeasure.trajectory import PoseErrors, Stamps, of_crossings
 
 CENTRAL = 0.5

@@ -7,11 +7,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, IntArray, se3
-from lmeasure.iso9283.angles import angle_rates, angles_deg
+from lmeasure.iso9283 import formulas as iso
 from lmeasure.iso9283.attainment import Attainment
 from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, SampleErrors
-from lmeasure.iso9283.figure import ANGLES, Figure, Maker, Subject
-from lmeasure.iso9283.formulas import pose as iso
+from lmeasure.iso9283.figure import ANGLES, Figure, Maker, Subject, angle_rates, angles_deg
 from lmeasure.iso9283.uncertainty import Part, reduction, reduction_of_mean
 from lmeasure.recording import Program
 from lmeasure.trajectory import AttainedPose, PoseErrors, averaged, of_dwells, with_rest

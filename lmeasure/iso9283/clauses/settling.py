@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lmeasure.core import CertificationError, FloatArray, IntArray
+from lmeasure.iso9283 import formulas as iso
 from lmeasure.iso9283.attainment import Attainment, places_in
 from lmeasure.iso9283.characteristic import CharacteristicKey
 from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, Read
 from lmeasure.iso9283.figure import Subject
-from lmeasure.iso9283.formulas import time as iso
-from lmeasure.iso9283.instants import of_duration
 from lmeasure.iso9283.motion_readings import Motion, Reading, Reported, distance, longest_s
+from lmeasure.iso9283.uncertainty import of_duration
 from lmeasure.text import Message, message
 
 Known = Mapping[CharacteristicKey, float]

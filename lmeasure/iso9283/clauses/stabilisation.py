@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.core import FloatArray
+from lmeasure.iso9283 import formulas as iso9283_path
 from lmeasure.iso9283.attainment import Attainment
 from lmeasure.iso9283.characteristic import CharacteristicKey
 from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, Read
 from lmeasure.iso9283.clauses.corners import Corner, Passing, passings
 from lmeasure.iso9283.figure import Subject
-from lmeasure.iso9283.formulas import path as iso9283_path
 from lmeasure.iso9283.motion_readings import MARGIN, Motion, Reading, Stretch, distance
 from lmeasure.iso9283.paths import Cycle
 from lmeasure.text import message

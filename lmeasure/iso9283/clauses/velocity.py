@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lmeasure.iso9283 import formulas as iso
 from lmeasure.iso9283.attainment import Attainment
 from lmeasure.iso9283.clause import Clause, IsoTest, Quantity
 from lmeasure.iso9283.figure import Figure, Maker, OfInstants, Subject
-from lmeasure.iso9283.formulas import path as iso
 from lmeasure.iso9283.paths import Crossings
 from lmeasure.trajectory import Stamps
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lmeasure.core import CertificationError, FloatArray, IntArray
+from lmeasure.iso9283 import formulas as iso
 from lmeasure.iso9283.attainment import Attainment
 from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, SampleErrors
 from lmeasure.iso9283.figure import Figure, Maker, OfInstants, Subject
-from lmeasure.iso9283.formulas import path as iso
 from lmeasure.iso9283.motion_readings import WITHOUT_HALF
 from lmeasure.iso9283.paths import FINER, Crossings, Cycle, finer
 from lmeasure.iso9283.uncertainty import Part

@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast, get_args
 
@@ -13,8 +13,27 @@ from scipy.spatial.transform import Slerp
 from lmeasure.core import QUATERNION_COLUMNS, FileFormatError, FloatArray, IntArray, conventions, se3
 from lmeasure.io import files
 from lmeasure.iso9283.program.campaign import CIRCLE_STEPS, Campaign
-from lmeasure.recording import POSITION_COLUMNS, write_program
-from lmeasure.robots import Command, Role
+from lmeasure.recording import POSITION_COLUMNS, CommandedPose, Program, write_program
+from lmeasure.rig import Rig
+from lmeasure.robots import (
+    AnyRobot,
+    Command,
+    Mounted,
+    ParallelFile,
+    Performance,
+    PlatformFile,
+    Role,
+    SimulatedRobot,
+    any_shipped,
+    checked,
+    family,
+    joint_columns,
+    read_measurements,
+    read_robot,
+    shipped_names,
+    write_robot,
+)
+from lmeasure.simulation import Scenario, Simulated, TestedRobot, simulate, write_simulated
 from lmeasure.text import message
 
 ROBODK_CIRCLE_POINTS = 36
@@ -139,3 +158,183 @@ def write_robodk(path: Path, plan: Campaign) -> None:
 def _quarters(command: Command) -> IntArray:
     """Which poses of a circle end its quarters."""
     return np.arange(1, 5) * (len(command.poses) // 4) - 1
+
+
+NATURAL_RAD_S, DAMPING = 90.0, 0.5
+RAMP_S = (0.08, 0.03)
+"""Servos of a usual robot, as those of the cell's arm."""
+
+
+@dataclass(frozen=True)
+class RobotRun:
+    """Results of a scenario with a robot: counts and true poses, how the robot performed, as drawn and as it was built, the program of
+    its rests where the commands' file is none of a program, and remarks."""
+
+    simulated: Simulated
+    performance: Performance
+    drawn: AnyRobot
+    built: AnyRobot
+    program: Program | None
+    remarks: tuple[str, ...]
+
+
+def simulate_robot(scenario: Scenario, rig: Rig, folder: Path, source: str = "scenario") -> RobotRun:
+    """Let the scenario's robot go through its waypoints, or what its file tells it, in the folder if relative, and read the counts.
+
+    The robot stands so that its tool is at the scenario's start when it is at home, where the scenario does not say where it stands.
+    FileFormatError or RobotError says what cannot be read, or names the command that the robot cannot carry out.
+    """
+    asked = scenario.robot
+    if asked is None:
+        raise FileFormatError(message("error.robot_is_missing", where=source))
+    drawn = _drawn(asked.model, folder, source)
+    built = _built(asked, drawn, np.random.default_rng([scenario.seed, 1]), source)
+    home = _home(drawn)
+    if asked.position_mm is None:
+        at_home = se3.compose(home, drawn.tool_pose)
+        base = se3.compose(scenario.start_pose, se3.inverse(at_home))
+    else:
+        base = np.array([*asked.position_mm, *asked.quaternion_xyzw])
+    nominal, true = (Mounted(robot.model, base, drawn.tool_pose) for robot in (drawn, built))
+    sliding = nominal.robot.sliding
+    rest = nominal.robot.inverse(home)[0] if isinstance(drawn, PlatformFile) else _rest(drawn)
+    units = np.where(sliding, 1.0, np.radians(1.0))
+    robot = SimulatedRobot(
+        nominal,
+        true,
+        rest=rest,
+        ramp_s=RAMP_S,
+        natural_rad_s=np.full(len(rest), NATURAL_RAD_S),
+        damping=np.full(len(rest), DAMPING),
+        joint_noise_rad=np.where(sliding, asked.repeatability_mm, asked.repeatability_deg) * units,
+        backlash_rad=np.zeros(len(rest)),
+        stiffness_n_mm_rad=np.where(sliding, asked.stiffness_n_mm, 1e3 * asked.stiffness_nm_deg / np.radians(1.0)),
+    )
+    programmed, done = _performed(scenario, asked, folder, robot, drawn)
+    simulated = simulate(scenario, rig, (done.time_s, done.poses))
+    program = None if programmed else _program(drawn, nominal, done)
+    return RobotRun(simulated, done, drawn, built, program, _remarks(drawn, nominal, done, programmed=programmed))
+
+
+def write_robot_run(folder: Path, run: RobotRun) -> None:
+    """`write_simulated`, and in `robot/` the drawn robot.toml, joints.csv of every rest and program.toml of the poses there, and in
+    `robot/true/` the robot as it was built."""
+    folder = Path(folder)
+    write_robot(folder / "robot" / "robot.toml", run.drawn)
+    write_robot(folder / "robot" / "true" / "robot.toml", run.built)
+    done, model = run.performance, run.drawn.model
+    time_s = [0.5 * (s.arrival_s + s.end_s) for s, c in zip(done.spans, done.commands, strict=True) if c.dwell_s > 0.0]
+    at = np.clip(np.searchsorted(done.time_s, time_s), 0, len(done.time_s) - 1)
+    columns = {"name": [f"rest_{i + 1}" for i in range(len(at))], "time_s": np.array(time_s), **joint_columns(model, done.asked[at])}
+    files.write_table(folder / "robot" / "joints.csv", columns)
+    if run.program is not None:
+        write_program(folder / "robot" / "program.toml", run.program)
+    write_simulated(folder, run.simulated)
+
+
+def _drawn(name: str, folder: Path, source: str) -> AnyRobot:
+    if not Path(name).suffix:
+        if name not in shipped_names():
+            raise FileFormatError(message("error.robot_model_is_no", where=source, name=name, shipped_names=", ".join(shipped_names())))
+        return any_shipped(name)
+    return read_robot(folder / name)
+
+
+def _built(asked: TestedRobot, drawn: AnyRobot, rng: np.random.Generator, source: str) -> AnyRobot:
+    """With its errors, those that are drawn first."""
+    parameters = drawn.model.parameters
+    errors = {}
+    for p, unit in zip(parameters, rng.normal(size=len(parameters)), strict=True):
+        if family(p.name) == "links" and p.unit in ("mm", "deg"):
+            errors[p.name] = float(unit) * (asked.u_mm if p.unit == "mm" else asked.u_deg)
+    known = {p.name: p.value for p in parameters}
+    strange = next((name for name in asked.errors if name not in known), None)
+    if strange is not None:
+        raise FileFormatError(message("error.robot_errors_is_no", where=source, strange=strange, name=drawn.name, name2=parameters[0].name))
+    errors |= asked.errors
+    return drawn.with_values({name: known[name] + error for name, error in errors.items() if error != 0.0})
+
+
+def _performed(scenario: Scenario, asked: TestedRobot, folder: Path, robot: SimulatedRobot, drawn: AnyRobot) -> tuple[bool, Performance]:
+    """Whether it went through the commands of a program, which has a file of its own, and how it went: straight through waypoints or
+    commands, or by its joints through a table of their values."""
+    motion, rng = scenario.motion, np.random.default_rng([scenario.seed, 2])
+    if asked.commands is None:
+        ways = [Command(leg.pose[None], leg.speed_mm_s, leg.dwell_s, rotation_rad_s=leg.rotation_speed_rad_s) for leg in scenario.legs()]
+        return False, robot.perform(ways, scenario.start_pose, scenario.rate_hz, rng)
+    path = folder / asked.commands
+    if "move" in files.read_table(path).columns:
+        commands = read_commands(path)
+        return True, robot.perform(commands, commands[0].poses[0], scenario.rate_hz, rng)
+    rows = read_measurements(path, drawn.model, joints_alone=True)
+    rates = np.where(drawn.model.sliding, motion.speed_mm_s, np.radians(motion.rotation_speed_deg_s))
+    every, names = np.tile(rows.joints, (motion.cycles, 1)), rows.names * motion.cycles
+    return False, robot.drive(every, names, scenario.rate_hz, rng, rates=rates, dwell_s=motion.dwell_s)
+
+
+def _attained(drawn: AnyRobot, nominal: Mounted, poses: FloatArray) -> FloatArray:
+    """(N, 7) where the drawing has the tool when it is given poses (N, 7)."""
+    return nominal.placed(drawn.model.nearest(nominal.flange(poses))) if isinstance(drawn, ParallelFile) else poses
+
+
+def _program(drawn: AnyRobot, nominal: Mounted, done: Performance) -> Program | None:
+    """What `certify` holds the rests against: each pose once, by its name or as P1, P2, ..., with the second half of each rest there, when
+    its servos have settled, as a window."""
+    rests = [(c, s) for c, s in zip(done.commands, done.spans, strict=True) if c.dwell_s > 0.0]
+    if not rests:
+        return None
+    poses = _attained(drawn, nominal, np.array([command.poses[-1] for command, _ in rests]))
+    windows: dict[str | bytes, list[tuple[float, float]]] = {}
+    at: dict[str | bytes, FloatArray] = {}
+    for (command, span), pose in zip(rests, poses, strict=True):
+        key = command.target or command.poses[-1].round(9).tobytes()
+        at.setdefault(key, pose)
+        windows.setdefault(key, []).append((0.5 * (span.arrival_s + span.end_s), span.end_s))
+    own = tuple(
+        CommandedPose(
+            name=key if isinstance(key, str) else f"P{number}",
+            position_mm=tuple(at[key][:3]),
+            quaternion_xyzw=tuple(at[key][3:]),
+            windows_s=tuple(found),
+            cycles=len(found),
+        )
+        for number, (key, found) in enumerate(windows.items(), 1)
+    )
+    return Program.model_validate({"schema_": "lmeasure.program/1", "name": f"rests of {drawn.name}", "pose": own})
+
+
+def _home(drawn: AnyRobot) -> FloatArray:
+    """(7,) base_from_flange where it stands when nothing else is said."""
+    if isinstance(drawn, ParallelFile | PlatformFile):
+        return drawn.model.home
+    return np.asarray(drawn.model.forward(_rest(drawn)[None])[0])
+
+
+def _rest(drawn: AnyRobot) -> FloatArray:
+    """(n,) joint values at home; an arm's wrist is bent, so that it does not begin at a singular pose."""
+    if isinstance(drawn, ParallelFile):
+        return drawn.model.home_joints
+    low, high = drawn.model.limits
+    rest = np.clip(np.zeros(len(low)), low, high)
+    rest[4:5] = np.clip(1.4, low[4:5], high[4:5])
+    return rest
+
+
+def _remarks(drawn: AnyRobot, nominal: Mounted, done: Performance, *, programmed: bool) -> tuple[str, ...]:
+    """Return what a person should know before believing such a robot."""
+    ends = np.array([command.poses[-1] for command in done.commands])
+    out = []
+    if isinstance(drawn, ParallelFile):
+        flange = nominal.flange(ends)
+        attained = drawn.model.nearest(flange)
+        kept = checked(drawn.model, drawn.limits, attained)
+        beyond = [name for name in ("gaps", "base_cone", "platform_cone", "regular", "stands") if not getattr(kept, name).all()]
+        if beyond:
+            count = int((~kept.all).sum())
+            out.append(message("iso9283.commanded_poses_lie_outside", count=count, all=len(ends), name=drawn.name, limits=tuple(beyond)))
+        off = np.linalg.norm(nominal.placed(attained)[:, :3] - ends[:, :3], axis=1)
+        if off.max() > 1e-6:
+            out.append(message("iso9283.told_alone_others_follow", name=drawn.name, joints=tuple(drawn.model.commanded), mm=off.max()))
+            if programmed:
+                out.append(message("iso9283.told_waypoint_joint_values", name=drawn.name))
+    return tuple(out)

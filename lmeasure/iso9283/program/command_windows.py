@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import BoolArray, CertificationError, FloatArray, IntArray
 from lmeasure.io import files
-from lmeasure.iso9283.dwells import FARTHEST_MM
+from lmeasure.iso9283.motion_readings import FARTHEST_MM
 from lmeasure.iso9283.program.command_files import read_commands
 from lmeasure.recording import Program
 from lmeasure.robots import Command

@@ -1,15 +1,134 @@
 """Progress of the readings in a capture's folder: the campaign a calibration will find there, its worth, the counts expected next."""
 
+import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lmeasure.calibration import Campaign, of_cables, read_campaign
+from lmeasure.accuracy import radii_95
+from lmeasure.calibration import (
+    CHECKS_LOG2,
+    Campaign,
+    Instrument,
+    Model,
+    Outlook,
+    Region,
+    extended,
+    lengths_over,
+    of_cables,
+    outlook_of,
+    read_campaign,
+)
 from lmeasure.core import FloatArray, LMeasureError
+from lmeasure.estimation import estimated_covariance, fit, parameter_information
+from lmeasure.kernels import span_rows
 from lmeasure.procedures.capture.folder import CaptureFolder
-from lmeasure.procedures.capture.forecast import Expected, Forecast, Worth
+from lmeasure.recording import Poses
+from lmeasure.rig import CABLES_FOR_A_POSE, Cable, Rig
+from lmeasure.sensors import count_variance
 from lmeasure.text import composed, message
+
+U95 = 1.96
+"""Half width of a normal distribution's 95 % interval, in standard deviations."""
+POSES_TRIED = 64
+
+
+@dataclass(frozen=True)
+class Worth:
+    """Value of readings: how many of the unknowns' directions, the 95 % uncertainty of a length over the poses' box [mm], its root mean
+    square and largest with the cable, and the largest 95 % radius of a position there [mm], None where the cables tell no pose."""
+
+    rank: int
+    unknowns: int
+    rms_mm: float
+    worst_mm: float
+    worst_cable: str
+    position_mm: float | None
+
+    least: int
+    """Poses that have as many equations as there are unknowns."""
+
+    def enough(self, poses: int) -> bool:
+        """Whether so many poses can determine what is solved for: before, the figures are little but the rig's own uncertainties."""
+        return poses >= self.least
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Distances of the lengths (m,) counted at a pose from those expected there [mm], and the standard uncertainty of that."""
+
+    cables: tuple[Cable, ...]
+    off_mm: FloatArray
+    u_mm: FloatArray
+
+
+class Forecast:
+    """Forecast of a rig's pass and the poses to be read, linearised at the rig; of_all: the worth of all of them, once they are read.
+
+    CalibrationError where its cables cannot run over them.
+    """
+
+    def __init__(self, rig: Rig, passage: int, poses: Poses, solve: tuple[str, ...] = ("position", "guide")) -> None:
+        self._instrument = Instrument(rig, rig.cables_of(passage), solve, np.zeros(6), visit=np.zeros(6))
+        self._zone = region_of(poses)
+        self._lengths = lengths_over(self._instrument, self._zone, CHECKS_LOG2, 0)
+        m = len(self._instrument.cables)
+        all_read = Campaign(rig, poses, self._instrument.cables, np.zeros((len(poses), m)), np.zeros(m, np.int64))
+        all_read = self._instrument.predicted(all_read)
+        self.of_all = self.worth(all_read)
+        # what is compiled at its first use is compiled now, while nothing moves
+        self.expected(all_read, poses.of(np.array([0])), np.zeros((1, m)))
+
+    def worth(self, campaign: Campaign) -> Worth:
+        """Return the worth of the readings of a campaign."""
+        p = len(self._instrument.unknowns.names)
+        information = parameter_information(self._instrument.recorded(campaign)[0], p)
+        reported: Outlook = outlook_of(information, self._lengths)
+        least = 1 + math.ceil(p / len(self._instrument.cables))
+        return Worth(
+            reported.rank, p, U95 * reported.rms_mm, U95 * reported.worst_mm, reported.worst_cable, self._position(information), least
+        )
+
+    def _position(self, information: FloatArray) -> float | None:
+        """The largest 95 % radius over the zone of a position measured with whole counts and the calibration that is had so far."""
+        rig, cables = self._instrument.rig, self._instrument.cables
+        if len(cables) < CABLES_FOR_A_POSE:
+            return None
+        unit = np.random.default_rng(1).uniform(0.0, 1.0, (POSES_TRIED, 6))
+        rows, start = self._zone.rows(unit), self._zone.centre[None, :]
+        gradients = self._instrument.gradients(rows, start, np.zeros(len(cables), np.int64), cables)
+        covariance = gradients @ estimated_covariance(information)[0] @ gradients.transpose(0, 2, 1)
+        covariance += 2.0 * np.diag(count_variance(rig, cables))  # counted here and where the run begins
+        P = np.array([span_rows(rig.cable_rows(cables), row) for row in np.ascontiguousarray(rows)])
+        normal = P.transpose(0, 2, 1) @ np.linalg.solve(covariance, P)
+        with np.errstate(all="ignore"):
+            good = np.isfinite(normal).all(axis=(1, 2)) & (np.linalg.cond(normal) < 1e12)
+        return float(radii_95(np.linalg.inv(normal[good])[:, 3:, 3:]).max()) if good.any() else None
+
+    def expected(self, campaign: Campaign, pose: Poses, counts: FloatArray) -> Expected | None:
+        """Counts k (1, m) at one pose more, held against what the campaign so far, or the rig alone, expects; None where nothing can be."""
+        try:
+            unknowns = self._instrument.unknowns
+            theta, covariance = unknowns.nominal, np.diag(unknowns.width**2)
+            if campaign.used.any():
+                model = Model(campaign, unknowns)
+                found = fit(model, model.start)
+                theta, covariance = found.theta, found.covariance
+            with_it = Model(extended(campaign, pose, counts), unknowns)
+            own = with_it.pose_index == len(campaign.poses)
+            residuals, J = with_it.residuals(theta)[own], with_it.jacobian(theta)[own]
+            variance = np.einsum("ei,ij,ej->e", J, covariance, J) + np.diag(with_it.measurement_covariance(theta))[own]
+        except (LMeasureError, np.linalg.LinAlgError):
+            return None
+        return Expected(tuple(campaign.drums[j] for j in with_it.cable_index[own]), -residuals, np.sqrt(variance))
+
+
+def region_of(poses: Poses) -> Region:
+    """The least box and tilts about a mean orientation that hold all poses."""
+    mean = poses.rotation.mean()
+    tilt = np.abs((poses.rotation * mean.inv()).as_rotvec()).max()
+    return Region(poses.rows[:, :3].min(axis=0), poses.rows[:, :3].max(axis=0), float(min(tilt, np.pi / 2)), mean.as_quat())
 
 
 class Progress:

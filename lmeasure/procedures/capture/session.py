@@ -13,11 +13,9 @@ import numpy as np
 
 from lmeasure.acquisition import Event, Samples, folded, moduli
 from lmeasure.core import BoolArray, FloatArray, conventions
-from lmeasure.procedures.capture.closure import Return, judged_return, lengths_of_counts
 from lmeasure.procedures.capture.folder import CaptureFolder, Reading, mean_variances, thinned
-from lmeasure.procedures.capture.forecast import Expected, Worth
-from lmeasure.procedures.capture.progress import Progress
-from lmeasure.procedures.capture.rest import Rest, still_counts
+from lmeasure.procedures.capture.progress import Expected, Progress, Worth
+from lmeasure.procedures.capture.rest import Rest, Return, judged_return, lengths_of_counts, still_counts
 from lmeasure.recording import Poses
 from lmeasure.rig import Rig
 from lmeasure.text import composed, joined, message

@@ -7,7 +7,7 @@ import numpy as np
 
 from lmeasure.core import conventions
 from lmeasure.procedures.capture.folder import mean_variances
-from lmeasure.procedures.capture.forecast import Worth
+from lmeasure.procedures.capture.progress import Worth
 from lmeasure.procedures.capture.session import Session
 
 MOVES_S = 0.1

@@ -12,9 +12,8 @@ import scipy
 from lmeasure.calibration import Distance
 from lmeasure.core import DataFrame, FileFormatError, FloatArray, Shown, framed
 from lmeasure.io import files
-from lmeasure.procedures.intermediate_check.closures import Closure, closures
+from lmeasure.procedures.intermediate_check.closures import Closure, Stops, closures, find_stops
 from lmeasure.procedures.intermediate_check.moved_parts import Cause, Verdict, agreement
-from lmeasure.procedures.intermediate_check.stops import Stops, find_stops
 from lmeasure.recording import Run
 from lmeasure.text import decimal, joined, message, texts
 from lmeasure.trajectory import (

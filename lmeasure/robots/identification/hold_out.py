@@ -9,13 +9,10 @@ from scipy.stats import chi2, f, t
 
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.estimation import fall_test, scatter
-from lmeasure.robots.identification.extrapolation import Beyond
 from lmeasure.robots.identification.identify import FAMILIES, Identified, Prediction, Settings, family, identify, predicted
-from lmeasure.robots.identification.initial_frames import Frames
-from lmeasure.robots.identification.measurements import POSITION, Measurements, Noted, noted
+from lmeasure.robots.identification.measurements import POSITION, STILL, Beyond, Measurements, Noted, noted
 from lmeasure.robots.identification.problem import Fit, solved, weighted, with_noise
-from lmeasure.robots.identification.stays import STILL
-from lmeasure.robots.identification.unknowns import R, Unknowns
+from lmeasure.robots.identification.unknowns import Frames, R, Unknowns
 
 FOLDS = 5
 SIZES = (15, 20, 30, 45, 60, 100, 160, 320, 640)

@@ -25,8 +25,7 @@ from lmeasure.estimation import (
     scatter,
     trust,
 )
-from lmeasure.robots.identification.measurements import COMPONENTS, POSITION, ROTATION, Measurements
-from lmeasure.robots.identification.stays import KINDS, Scatter
+from lmeasure.robots.identification.measurements import COMPONENTS, KINDS, POSITION, ROTATION, Measurements, Scatter
 from lmeasure.robots.identification.unknowns import R, Unknowns
 
 LEAST_MM, LEAST_RAD = 1e-6, 1e-9

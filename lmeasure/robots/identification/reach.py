@@ -14,11 +14,9 @@ from lmeasure.robots.identification.identify import Identified, predict
 from lmeasure.robots.identification.unknowns import R
 from lmeasure.robots.model import RobotModel, joint_columns
 from lmeasure.robots.parallel import limits
-from lmeasure.robots.parallel.jacobians import nearness
-from lmeasure.robots.parallel.model import EQUATIONS, Parallel
+from lmeasure.robots.parallel.model import EQUATIONS, Parallel, nearness
 from lmeasure.robots.platform import Platform
-from lmeasure.robots.serial import reach_mm
-from lmeasure.robots.serial_robot import SerialRobot
+from lmeasure.robots.serial import SerialRobot, reach_mm
 from lmeasure.text import message
 
 if TYPE_CHECKING:

@@ -1,4 +1,11 @@
-"""Measurements of a robot from a file, and joint values from a table of their own: a log of the controller, or one row for each pose."""
+"""Measurements of a robot from a file, and joint values from a table of their own: a log of the controller, or one row for each pose.
+
+A rest belongs to the row of joint values whose time says so. Without times rests and rows follow each other in the same order, some perhaps
+without their like in the other: the angle between two orientations of the target, and about how far it has moved, are the same in every
+frame, and so tell which rests can be which rows, as an alignment of two sequences does (Needleman and Wunsch, J. Mol. Biol. 48, 1970).
+
+The places may be a run of cables, the trajectory of any instrument, of which the rests are taken, or points by name.
+"""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -7,11 +14,27 @@ from pathlib import Path
 
 import numpy as np
 
-from lmeasure.core import FileFormatError, FloatArray, conventions
+from lmeasure.core import FileFormatError, FloatArray, IntArray, RobotError, conventions, symmetric_root
 from lmeasure.io import Column, ForeignTable
-from lmeasure.robots.identification.measurements import Measurements, Noted, measured, noted, sides
-from lmeasure.robots.model import RobotModel
+from lmeasure.recording import read_run
+from lmeasure.robots.identification.measurements import POSITION, Measurements, Noted, measured, noted, sides
+from lmeasure.robots.model import RobotModel, joint_value
 from lmeasure.text import Message, message
+from lmeasure.trajectory import (
+    LAG_S,
+    ErrorModel,
+    ErrorsOfRun,
+    PoseErrors,
+    Stated,
+    Trajectory,
+    align,
+    kind_of,
+    mean_pose,
+    read_trajectory,
+    reconstruct,
+    rests,
+    settled,
+)
 
 OF_THE_PLACE = ("x", "y", "z", "length")
 """Names of columns of the measured place, and joints are not determined by."""
@@ -163,3 +186,263 @@ def with_joints(points: Measurements, commanded: Commanded) -> tuple[Measurement
     notes += [noted("unmatched", "joints_without_point", commanded.names[i], row=commanded.subject(i)) for i in lost]
     joints = commanded.joints[[row for row, _ in both]]
     return replace(points.of(np.array([i for _, i in both])), joints=joints, side=sides(joints)), notes
+
+
+STILL_MM = 0.2
+"""By which the target moves at most within `LAG_S` while the robot rests."""
+LEAST_RESTS = 3
+SKIPPED = 5
+"""Rests, or rows, in a row that may be without their like."""
+TURN_RAD, PLACE_MM, TOOL_MM = np.radians(1.5), 15.0, 400.0
+"""By which an angle and a way between two rests may differ from those of the nominal flange, and how far the target may be from that."""
+LIKELY = 0.5
+"""Of the rests or rows, whichever are fewer: so many at least must find their like."""
+STILL_JOINT = 1e-3
+"""Rad or mm by which joint values may change in a rest; more, and the clocks are not the same."""
+FUNCTIONS = 16
+"""Smooth ones of which a field nobody describes may be a sum."""
+FAR_REACHING = 3.0
+"""Over how many times the spread of the poses its longer half is correlated."""
+SMALL = 1e-9
+"""Of the largest: errors that rows have in common and that are as good as none."""
+
+
+@dataclass(frozen=True)
+class Rests:
+    """Rests (k): windows_s (k, 2) in which the robot had settled, whole_s (k, 2) in which it stood, poses (k, 7) instrument_from_target,
+    NaN where orientations were not measured, covariance (k, 6, 6) of each by itself and systematic (k, 6, K) by the variables that all
+    have in common; stated as `Measurements` has it."""
+
+    windows_s: FloatArray
+    whole_s: FloatArray
+    poses: FloatArray
+    covariance: FloatArray
+    systematic: FloatArray
+    stated: tuple[bool, bool]
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+
+def rests_of(trajectory: Trajectory, model: ErrorModel | None = None) -> Rests:
+    """The rests of a trajectory, their poses the means over where the robot had settled.
+
+    model: of the trajectory's errors, as of a run; by default what its file states, whose systematic part is taken for fields
+    over the measured poses (`fields_over`). A rest's own error is that of one sample: counts of a robot that stands repeat their
+    rounding. RobotError where there are too few.
+    """
+    positions = trajectory.poses[:, :3]
+    found = rests(trajectory, positions, STILL_MM)
+    if len(found) < LEAST_RESTS:
+        raise RobotError(
+            message("error.the_trajectory_has_rests", n_found=len(found), still_mm=STILL_MM, lag_s=LAG_S, least_rests=LEAST_RESTS)
+        )
+    windows = np.array([settled(trajectory.time_s, positions, rest) for rest in found])
+    parts = [slice(*np.searchsorted(trajectory.time_s, (start - 1e-9, end + 1e-9))) for start, end in windows]
+    poses = np.array([mean_pose(trajectory.poses[part]) for part in parts])
+    middles = np.array([(part.start + part.stop - 1) // 2 for part in parts], dtype=np.int64)
+    errors = _of_file(trajectory, middles, poses) if model is None else model.at(trajectory, middles)[0]
+    whole = np.array([(trajectory.time_s[rest.start], trajectory.time_s[rest.stop - 1]) for rest in found])
+    stated = ("position" not in trajectory.absent, "rotation" not in trajectory.absent and not np.isnan(poses[:, 3]).all())
+    return Rests(windows, whole, poses, errors.random, independent(errors.factors), stated)
+
+
+def matched(found: Rests, commanded: Commanded, robot: RobotModel) -> tuple[Measurements, list[Noted]]:
+    """The rests that have joint values, as measurements in their order, and what is to be said of the others.
+
+    RobotError where hardly any rest belongs to a row.
+    """
+    notes: list[Noted] = []
+    if commanded.time_s is not None:
+        pairs, joints, notes = _by_time(found, commanded, commanded.time_s, robot)
+    else:
+        pairs = _in_order(found, commanded, robot)
+        joints = commanded.joints[pairs[:, 1]]
+    if len(pairs) < max(LEAST_RESTS, LIKELY * min(len(found), len(commanded))) and len(pairs) < len(found):
+        hint = message("robots.add_time" if commanded.time_s is None else "robots.other_clock")
+        raise RobotError(
+            message(
+                "error.only_of_rests_of",
+                where=commanded.path,
+                n_pairs=len(pairs),
+                n_found=len(found),
+                n_commanded=len(commanded),
+                hint=hint,
+            )
+        )
+    notes += [
+        noted("unmatched", "rest_without_joints", f"{a:.6g} s", begin_s=float(a), end_s=float(b))
+        for i, (a, b) in enumerate(found.whole_s)
+        if i not in pairs[:, 0]
+    ]
+    if commanded.time_s is None:
+        lost = [k for k in range(len(commanded)) if k not in pairs[:, 1]]
+        notes += [noted("unmatched", "joints_without_rest", commanded.names[k], row=commanded.subject(k)) for k in lost]
+    of = pairs[:, 0]
+    poses = found.poses[of]
+    names = [commanded.names[k] if commanded.named else f"rest {i + 1}" for i, k in pairs]
+    rows = measured(joints, poses[:, :3], poses[:, 3:], names=names)
+    rows = replace(rows, covariance=found.covariance[of], systematic=found.systematic[of], stated=found.stated)
+    return (rows.of_lines([commanded.lines[k] for k in pairs[:, 1]]) if commanded.lines else rows), notes
+
+
+def _by_time(found: Rests, commanded: Commanded, time_s: FloatArray, robot: RobotModel) -> tuple[IntArray, FloatArray, list[Noted]]:
+    """(k, 2) rests and rows, and (k, n) joint values: the mean where the robot had settled, else the last row since the rest before."""
+    pairs, joints, notes, before = [], [], [], -np.inf
+    for i, ((start, end), (_, leaves)) in enumerate(zip(found.windows_s, found.whole_s, strict=True)):
+        inside = np.flatnonzero((time_s >= start) & (time_s <= end))
+        since = np.flatnonzero((time_s > before) & (time_s <= leaves))
+        before = leaves
+        if not len(since):
+            continue
+        own = inside if len(inside) else since[-1:]
+        values = commanded.joints[own]
+        moves = np.ptp(values, axis=0)
+        if (moves > STILL_JOINT).any():
+            j = int(np.argmax(moves))
+            by, unit = joint_value(robot, j, moves[j])
+            at, name = float(start), robot.joint_names[j]
+            notes.append(noted("joints-move", f"joints_move.{unit}", f"{at:.6g} s", by, joint=name, by=by, at_s=at))
+        pairs.append((i, int(own[len(own) // 2])))
+        joints.append(values.mean(axis=0))
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2), np.array(joints).reshape(-1, commanded.joints.shape[1]), notes
+
+
+def _in_order(found: Rests, commanded: Commanded, robot: RobotModel) -> IntArray:
+    """(k, 2) rests and rows that follow each other in the same order."""
+    same = np.column_stack([np.arange(len(found))] * 2) if len(found) == len(commanded) else None
+    if np.isnan(found.poses[:, 3:]).any():
+        if same is None:
+            raise RobotError(message("error.has_rows_the_trajectory", where=commanded.path, n_commanded=len(commanded), n_found=len(found)))
+        return same
+    pairs = aligned(found.poses, robot.forward(commanded.joints))
+    # of a robot that is not what it is taken for no angle fits; its slips are looked for with rests and rows one by one
+    return same if same is not None and len(pairs) < LIKELY * len(same) else pairs
+
+
+def aligned(rests_at: FloatArray, flange: FloatArray) -> IntArray:
+    """(k, 2) numbers of poses (n, 7) instrument_from_target and (m, 7) base_from_flange that are the same, in order, as many as fit."""
+    n, m = len(rests_at), len(flange)
+    turn_r, way_r = _between(rests_at)
+    turn_f, way_f = _between(flange)
+    widest = abs(n - m) + 2 * SKIPPED
+    best, before = np.full((n, m), -np.inf), np.full((n, m, 2), -1)
+    for i in range(n):
+        for k in range(max(0, i - widest), min(m, i + widest + 1)):
+            best[i, k] = 0.0
+            a, b = slice(max(0, i - 1 - SKIPPED), i), slice(max(0, k - 1 - SKIPPED), k)
+            if a.start == i or b.start == k:
+                continue
+            turn = turn_f[b, k][None, :]
+            off = np.abs(turn_r[a, i][:, None] - turn) / TURN_RAD
+            loose = PLACE_MM + 2.0 * TOOL_MM * np.sin(0.5 * turn)
+            far = np.abs(way_r[a, i][:, None] - way_f[b, k][None, :]) / loose
+            gain = np.where((off < 1.0) & (far < 1.0), best[a, b] + 2.0 - off**2 - far**2, -np.inf)
+            at = np.unravel_index(int(np.argmax(gain)), gain.shape)
+            if gain[at] > 0.0:
+                best[i, k], before[i, k] = gain[at], (a.start + at[0], b.start + at[1])
+    end = np.unravel_index(int(np.argmax(best)), best.shape)
+    out = [(int(end[0]), int(end[1]))]
+    while before[out[-1]][0] >= 0:
+        i, k = before[out[-1]]
+        out.append((int(i), int(k)))
+    return np.array(out[::-1], dtype=np.int64)
+
+
+def _between(poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, n) angles [rad] and distances [mm] between poses (n, 7)."""
+    alike = np.clip(np.abs(poses[:, 3:] @ poses[:, 3:].T), 0.0, 1.0)
+    return 2.0 * np.arccos(alike), np.linalg.norm(poses[:, None, :3] - poses[None, :, :3], axis=2)
+
+
+def _of_file(trajectory: Trajectory, samples: IntArray, poses: FloatArray) -> PoseErrors:
+    """Errors by a trajectory file alone, which does not say how its systematic ones belong together: each component is taken for a field
+    over the measured poses (`fields_over`)."""
+    own = symmetric_root(trajectory.systematic[samples])
+    basis = fields_over(poses)
+    return PoseErrors.of(symmetric_root(trajectory.random[samples]), np.einsum("nij,nb->nijb", own, basis).reshape(len(own), 6, -1))
+
+
+def fields_over(poses: FloatArray) -> FloatArray:
+    """(n, b) functions of poses (n, 7), of which systematic errors that nobody describes may be sums with normal factors.
+
+    All errors alike would be lost in where the robot stands, and all for themselves would fade in the mean; what an instrument errs by is
+    neither, and which of its fields a robot's parameters follow most is not known. So two kinds have the whole stated variance each: fields
+    that are even, a constant and a slope along each axis; and smooth ones, half of them correlated over the spread of the places, half over
+    three times that of places and turns. With half the variance for each, fields of one kind alone would be understated
+    (`benchmarks/uneven_fields.py`).
+    """
+    off = poses[:, :3] - poses[:, :3].mean(axis=0)
+    spread = max(float(np.sqrt((off**2).sum(axis=1).mean())), 1e-9)
+    turns, ways = _between(poses)
+    far = (ways / spread) ** 2
+    typical = float(np.mean(np.nan_to_num(turns) ** 2)) / 2.0
+    turned = far + (turns**2 / typical if typical > 1e-12 and not np.isnan(turns).any() else 0.0)
+    values, vectors = np.linalg.eigh(np.exp(-far / 2.0) + np.exp(-turned / (2.0 * FAR_REACHING**2)))
+    smooth = (vectors * np.sqrt(np.maximum(values, 0.0)))[:, : -FUNCTIONS - 1 : -1]
+    parts = (np.column_stack([np.ones(len(off)), np.sqrt(3.0) * off / spread]), smooth)
+    return np.hstack([part / np.linalg.norm(part, axis=1)[:, None] for part in parts])
+
+
+def independent(factors: FloatArray) -> FloatArray:
+    """(n, 6, K) factors (n, 6, L) in as few variables as they have, rotations weighed by their own size."""
+    if not factors.any():
+        return factors[:, :, :0]
+    sizes = np.sqrt((factors**2).mean(axis=(0, 2)))
+    sizes = np.repeat([max(float(np.linalg.norm(sizes[own])), 1e-300) for own in (slice(0, 3), POSITION)], 3)
+    n, _, count = factors.shape
+    u, s, _ = np.linalg.svd((factors / sizes[None, :, None]).reshape(6 * n, count), full_matrices=False)
+    kept = s > SMALL * s[0]
+    return np.asarray((u[:, kept] * s[kept]).reshape(n, 6, -1) * sizes[None, :, None])
+
+
+@dataclass(frozen=True)
+class Given:
+    """The measurements and what is to be said of how they were come by."""
+
+    rows: Measurements
+    notes: tuple[Noted, ...] = ()
+
+
+def given(path: Path, joints: Path | None, robot: RobotModel, stated: Stated) -> Given:
+    """Read measurements, of which `stated` says columns and uncertainties; joints: where the joint values stand, None: beside the places.
+
+    A run's rests have the errors of its counts by themselves and those of its calibration, start and zeroing in common. RobotError or
+    FileFormatError says what cannot be read, or does not belong together.
+    """
+    columns = dict(stated.columns or {})
+    tabular = not path.is_dir() and kind_of(path) in ("table", "parquet")
+    if joints is None:
+        if path.is_dir() and not (path / "run.toml").is_file():
+            raise RobotError(message("error.is_a_folder_and", where=path))
+        if not tabular:
+            kind = "run folder" if path.is_dir() else "trajectory"
+            raise RobotError(message("error.is_a_joints_file", where=path, kind=kind))
+        return Given(_with(read_measurements(path, robot, columns), stated))
+    commanded = read_commanded(joints, robot, columns)
+    if tabular and ForeignTable(path, columns, part=True).find("time", "s") is None:
+        rows, notes = with_joints(read_measurements(path, robot, columns, points_alone=True), commanded)
+        return Given(_with(rows, stated), tuple(notes))
+    trajectory, model, said = _trajectory(path, columns)
+    found = rests_of(trajectory, model)
+    rows, notes = matched(found, commanded, robot)
+    determined = noted("rests", "rested", rests=len(found), used=len(rows))
+    return Given(_with(rows, stated), (determined, *said, *notes))
+
+
+def _trajectory(path: Path, columns: Mapping[str, Column]) -> tuple[Trajectory, ErrorModel | None, list[Noted]]:
+    """A trajectory, its errors where a run tells them, and what it says of itself."""
+    if path.is_dir():
+        aligned = align(read_run(path))
+        trajectory = reconstruct(aligned, covariances=False)
+        notes = [Noted("run", note) for note in trajectory.notes]
+        return trajectory, ErrorsOfRun(aligned), notes + [Noted("assumed", line) for line in trajectory.assumed.lines]
+    trajectory = read_trajectory(path, Stated(columns or None, of_others=True))
+    notes = [Noted("markers" if kind_of(path) == "markers" else "trajectory", note) for note in trajectory.notes]
+    if trajectory.systematic.any():
+        notes.append(noted("systematic", "even", file=path.name))
+    return trajectory, None, notes
+
+
+def _with(rows: Measurements, stated: Stated) -> Measurements:
+    return rows.with_uncertainty(stated.u_position_mm, stated.u_rotation_rad)

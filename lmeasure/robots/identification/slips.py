@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from lmeasure.core import FloatArray, RobotError
-from lmeasure.robots.identification.initial_frames import find_frames
 from lmeasure.robots.identification.measurements import Measurements, Noted, noted, sides
+from lmeasure.robots.identification.unknowns import find_frames
 from lmeasure.robots.parallel.file import ParallelFile
 from lmeasure.robots.robot import AnyRobot, Robot
 from lmeasure.robots.serial import reach_mm

@@ -8,12 +8,9 @@ from pydantic import Field, model_validator
 
 from lmeasure.core import FloatArray, GeometryError, se3
 from lmeasure.io import Name, Strict, of_key
-from lmeasure.robots.file_fields import Angle, Length, Limits, Place, legs_with, named_once
-from lmeasure.robots.model import nearest_turns
-from lmeasure.robots.parallel.guide import Driver, way_of
-from lmeasure.robots.parallel.jacobians import nearness
-from lmeasure.robots.parallel.legs import KINDS, Leg
-from lmeasure.robots.parallel.model import COMPONENTS, EQUATIONS, Parallel
+from lmeasure.robots.model import Angle, Length, Limits, Place, legs_with, named_once, nearest_turns
+from lmeasure.robots.parallel.legs import KINDS, Driver, Leg, way_of
+from lmeasure.robots.parallel.model import COMPONENTS, EQUATIONS, Parallel, nearness
 from lmeasure.text import message
 
 NEAR_HOME = 0.2

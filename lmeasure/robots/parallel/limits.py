@@ -8,10 +8,8 @@ import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, se3
 from lmeasure.linkages import HookeJoints
-from lmeasure.robots.file_fields import Limits
-from lmeasure.robots.model import nearest_turns
-from lmeasure.robots.parallel.jacobians import nearness
-from lmeasure.robots.parallel.model import EQUATIONS, Parallel, Rows
+from lmeasure.robots.model import Limits, nearest_turns
+from lmeasure.robots.parallel.model import EQUATIONS, Parallel, Rows, nearness
 
 RING = ("carriage", "radial", "radial-arm")
 STEPS = 200

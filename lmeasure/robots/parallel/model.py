@@ -13,23 +13,74 @@ An identification of all legs together begins with each by itself (`legs_at`). A
 leg, as that of an SS dyad does (source 004): its point on the platform, its lower end and its length are fitted to the poses alone,
 without the forward problem, which a robot far from its drawing may not even have. A dyad's sphere is a carriage's, a crank's or a strut's
 surface here, moved by its joint; all is least squares from the nominal values, held by what these may be off by.
+
+A x' + B q' = 0 with A = dF/dx (m, f) and B = dF/dq (m, n). Where B loses rank a drive is at a dead point and the output at a limit (type
+1); where A does, the output moves although the drives stand (type 2); both at once is type 3 (Gosselin and Angeles, Singularity analysis
+of closed-loop kinematic chains, IEEE Transactions on Robotics and Automation 6, 1990). A determinant has the units of its columns and
+says nothing of how near it is: rank is judged by singular values of matrices whose rows are of length one in stated units.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from enum import IntFlag
 from functools import cached_property
 from itertools import product
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from lmeasure.core import BoolArray, FloatArray, IntArray, RobotError, Status, se3
 from lmeasure.kernels import driven, placed
-from lmeasure.robots.file_fields import Limits
-from lmeasure.robots.model import Parameter, joint_value, nearest_turns
-from lmeasure.robots.parallel.jacobians import Jacobians
+from lmeasure.robots.model import Limits, Parameter, joint_value, nearest_turns
 from lmeasure.robots.parallel.legs import Leg
 from lmeasure.text import message, numbers
+
+NEARLY_SINGULAR = 1e-6
+"""Smallest singular value over the largest under which a matrix is singular."""
+
+
+class Singular(IntFlag):
+    """Which Jacobians are singular: `OUTPUT` alone is type 2, `DRIVES` alone type 1, both type 3."""
+
+    NO = 0
+    DRIVES = 1
+    OUTPUT = 2
+    BOTH = 3
+
+
+class Jacobians(NamedTuple):
+    """output (..., m, f) is dF/dx, drives (..., m, n) is dF/dq; m equations."""
+
+    output: FloatArray
+    drives: FloatArray
+
+
+def nearness(matrices: FloatArray, units: FloatArray | float = 1.0) -> FloatArray:
+    """(...) smallest over largest singular value of matrices (..., m, f), columns multiplied by units (f,) and rows then of length one.
+
+    units makes turns and shifts comparable: a length in which one radian is about as much as it. A row of zeros gives zero.
+    """
+    scaled = matrices * units
+    size = np.linalg.norm(scaled, axis=-1, keepdims=True)
+    values = np.linalg.svd(np.divide(scaled, size, out=np.zeros_like(scaled), where=size > 0.0), compute_uv=False)
+    return np.asarray(values[..., -1] / np.maximum(values[..., 0], np.finfo(np.float64).tiny))
+
+
+def singular(jacobians: Jacobians, output_units: FloatArray | float = 1.0) -> IntArray:
+    """(...) `Singular` of mechanisms. Drives are of one kind, and judged by the rank of their columns beside the largest of them."""
+    values = np.linalg.svd(jacobians.drives, compute_uv=False)
+    drives = values[..., -1] <= NEARLY_SINGULAR * values[..., 0]
+    output = nearness(jacobians.output, output_units) <= NEARLY_SINGULAR
+    return np.asarray(Singular.DRIVES * drives + Singular.OUTPUT * output, dtype=np.int64)
+
+
+def velocities(jacobians: Jacobians) -> FloatArray:
+    """(..., f, n) V = -A^-1 B, which gives the output's twist of the drives' rates; NaN where the output is singular."""
+    output, drives = jacobians
+    if (singular(jacobians) & Singular.OUTPUT).any():
+        return np.full((*output.shape[:-1], drives.shape[-1]), np.nan)
+    return np.asarray(-np.linalg.solve(output, drives))
+
 
 EQUATIONS = 6
 STRIDE_RAD, STRIDE = 0.2, 0.1
@@ -87,27 +138,22 @@ class Parallel:
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
-        """Leg by leg."""
         return tuple(leg.name + end for leg in self.legs for end, _ in leg.of.drives)
 
     @cached_property
     def sliding(self) -> BoolArray:
-        """(n,) whether a joint's value is a length."""
         return np.array([slides for leg in self.legs for _, slides in leg.of.drives], dtype=np.bool_)
 
     @property
     def limits(self) -> tuple[FloatArray, FloatArray]:
-        """(n,) least and largest joint values."""
         return np.concatenate([leg.low for leg in self.legs]), np.concatenate([leg.high for leg in self.legs])
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Leg by leg."""
         return tuple(p for leg in self.legs for p in leg.parameters)
 
     @property
     def reach_mm(self) -> float:
-        """Not bounded: joint values that no pose has are determined by `forward`."""
         return float("inf")
 
     @cached_property
@@ -146,12 +192,10 @@ class Parallel:
         return Held(ends, lengths, limits)
 
     def moved(self, change: FloatArray) -> Self:
-        """The robot with (p,) added to its parameters, rad and mm."""
         cuts = np.cumsum([len(leg.parameters) for leg in self.legs])[:-1]
         return replace(self, legs=tuple(leg.moved(own) for leg, own in zip(self.legs, np.split(change, cuts), strict=True)))
 
     def forward(self, joints: FloatArray, side: FloatArray | None = None) -> FloatArray:
-        """(N, 7) base_from_flange at joint values (N, n); NaN where none is reached from home."""
         joints = np.ascontiguousarray(joints, dtype=np.float64)
         poses, found = self._known(joints)
         if not found.all():
@@ -242,8 +286,6 @@ class Parallel:
     def derivatives(
         self, joints: FloatArray, side: FloatArray | None = None, of: IntArray | None = None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """base_from_flange (N, 7), and twists (omega; v) at the base's origin: (N, n, 6) by joint values and (N, p, 6) by the parameters of
-        these indices, by default all."""
         joints = np.asarray(joints, dtype=np.float64)
         poses = self.forward(joints)
         known = ~np.isnan(poses[:, 0])
@@ -257,7 +299,6 @@ class Parallel:
         return poses, by_joints, every if of is None else every[:, of]
 
     def inverse(self, pose: FloatArray, seed: int = 0) -> FloatArray:
-        """(k, n) joint values within the limits that take the flange to the pose (7,): all that there are, none where k is 0."""
         roots = [r[0] for r in self.roots(np.asarray(pose)[None])]
         every = np.array([np.concatenate(one) for one in product(*roots)]).reshape(-1, len(self.joint_names))
         every = every[np.isfinite(every).all(axis=1)]

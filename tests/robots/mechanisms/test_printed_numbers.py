@@ -10,12 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import se3
 from lmeasure.robots import ParallelFile, checked, described
-from lmeasure.robots.file_fields import Limits
+from lmeasure.robots.model import Limits
 from lmeasure.robots.parallel import dyads
-from lmeasure.robots.parallel.guide import SevenLink
-from lmeasure.robots.parallel.jacobians import Jacobians, Singular, singular
+from lmeasure.robots.parallel.legs import SevenLink
 from lmeasure.robots.parallel.limits import own_roots
-from lmeasure.robots.parallel.model import Parallel
+from lmeasure.robots.parallel.model import Jacobians, Parallel, Singular, singular
 
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 CORRECTED = Limits(least_gap_deg=12.0, most_gap_deg=120.0, base_cone_deg=11.0, platform_cone_deg=22.0, mass_mm=(0.0, 0.0, 0.0))

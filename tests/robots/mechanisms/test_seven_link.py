@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import GeometryError, se3
 from lmeasure.robots.parallel import dyads
-from lmeasure.robots.parallel.completion import KINDS, PlanarPlatform, completed
-from lmeasure.robots.parallel.guide import SevenLink
+from lmeasure.robots.parallel.dyads import KINDS, PlanarPlatform, completed
+from lmeasure.robots.parallel.legs import SevenLink
 
 DISTANCES = np.array([0.00182, 0.00167, 0.00270, 0.00063, 0.00065, 0.00252, 0.00246, 0.00208, 0.00088, 0.00042])
 

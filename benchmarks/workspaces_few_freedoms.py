@@ -1,8 +1,8 @@
-"""Brute force for mechanisms of fewer than six freedoms: which of the coordinates that they are told they can take (`workspaces.py`).
+"""Brute force for mechanisms of fewer than six freedoms: which commanded coordinates they can take (`workspaces.py`).
 
-Nothing is shared with the program. The crank platform is told a height and a normal: for every turn about it the first two plain rods are
+Nothing is shared with the program. The crank platform is given a height and a normal: for every turn about it the first two plain rods are
 two circles of the platform's place in the plane, the third tells which turns close, and cranks follow by the law of cosines. The body on
-five rods is told x: it is led there from home in steps of a tenth of a millimetre, and the way of its point summed up.
+five rods is given x: it is led there from home in steps of a tenth of a millimetre, and the way of its point summed up.
 """
 
 import math
