@@ -19,13 +19,13 @@ from lmeasure.text import message
 
 POSE, AXES = ("X", "Y", "Z", "W", "P", "R"), tuple(f"J{i}" for i in range(1, 7))
 _POSITION = re.compile(r'^[ \t]*P\[[ \t]*+(\d{1,9}+)[ \t]*+(?::[ \t]*+"?([^"\]\n]*+))?[^\]\n]*\]\s*+(?=\{)', re.M)
-_MOTION = re.compile(r"^[ \t]*\d*[ \t]*:[ \t]*([JLCAS])\s+", re.M)
+_MOTION = re.compile(r"^[ \t]*+\d*+[ \t]*+:[ \t]*([JLCAS])\s+", re.M)
 _NAMED = re.compile(r"\b(PR?)\[\s*+([^\]:]{0,60}+)[^\]]{0,60}+\]")
 _BY_DIFFERENCE = re.compile(r"\b(\w*OFFSET|INC|TRACK|COORD|RTCP)\b", re.I)
-_ASSIGNED = re.compile(r"^[ \t]*\d*[ \t]*:[ \t]*P\[[ \t]*(\d{1,9}+)[^\]\n]*\][ \t]*=", re.M)
-_SET_FRAME = re.compile(r"^[ \t]*\d*[ \t]*:[ \t]*(UFRAME|UTOOL)[ \t]*\[[ \t]*(?:GP\d+[ \t]*:[ \t]*)?(\w++)[^=\n]*=", re.M)
+_ASSIGNED = re.compile(r"^[ \t]*+\d*+[ \t]*+:[ \t]*P\[[ \t]*(\d{1,9}+)[^\]\n]*\][ \t]*=", re.M)
+_SET_FRAME = re.compile(r"^[ \t]*+\d*+[ \t]*+:[ \t]*(UFRAME|UTOOL)[ \t]*\[[ \t]*(?:GP\d+[ \t]*:[ \t]*)?(\w++)[^=\n]*=", re.M)
 _FRAME = re.compile(r"\b(UF|UT)\s*+:\s*+(\w{1,99}+)")
-_CURRENT = re.compile(r"^[ \t]*\d*[ \t]*:[ \t]*(UFRAME_NUM|UTOOL_NUM)[ \t]*=[ \t]*(\w{1,99}+)", re.M)
+_CURRENT = re.compile(r"^[ \t]*+\d*+[ \t]*+:[ \t]*(UFRAME_NUM|UTOOL_NUM)[ \t]*=[ \t]*(\w{1,99}+)", re.M)
 _FIELD = re.compile(rf"\b([XYZWPR]|[JE]\d)\s*=\s*({NUMBER}|\*+)\s*(mm|deg)?")
 _CONFIG = re.compile(
     r"CONFIG\s*:\s*'([NF])\s*(?:[LR]\s*)?([UD])?\s*([TB])\s*,\s*([-+]?\d{1,9})\s*,\s*([-+]?\d{1,9})\s*,\s*([-+]?\d{1,9})\s*'"

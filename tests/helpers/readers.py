@@ -18,6 +18,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import can
 import h5py
 import hostile
 import log_fuzz
@@ -38,7 +39,7 @@ from lmeasure.robots import Robot, read_map, read_measurements, read_robot, read
 from lmeasure.sensors import lengths_from_counts
 from lmeasure.simulation import read_scenario
 from lmeasure.structure import read_linkage
-from lmeasure.trajectory import read_trajectory
+from lmeasure.trajectory import read_trajectory, write_trajectory
 from lmeasure.workflows import init
 
 HERE = Path(__file__).parents[1]
@@ -127,6 +128,13 @@ def readers() -> dict[str, Reader]:
         seeds = log_fuzz.seeds(Path(scratch))
         for suffix in (".asc", ".log", ".blf", ".csv", ".trc", ".txt"):
             add(f"log {suffix[1:]}", suffix, seeds[suffix], read_frames, "log")
+        mcap, mf4, motion = (Path(scratch) / name for name in ("t.mcap", "t.mf4", "t.csv"))
+        motion.write_bytes(MOTION)
+        write_trajectory(mcap, read_trajectory(motion))
+        add("mcap", ".mcap", mcap.read_bytes(), read_trajectory, "binary")
+        with can.MF4Writer(mf4) as log:
+            log.on_message_received(can.Message(timestamp=1.7e9, arbitration_id=0x181, data=b"1234", is_extended_id=False))
+        add("mf4", ".mf4", mf4.read_bytes(), read_frames, "binary")
         zone = Path(scratch) / "zone.nc"
         with h5py.File(zone, "w") as file:
             for axis in "xyz":
@@ -161,8 +169,6 @@ def readers() -> dict[str, Reader]:
     held = io.BytesIO()
     pa.parquet.write_table(columns, held)
     add("parquet", ".parquet", held.getvalue(), read_trajectory, "binary")
-    add("mcap", ".mcap", b"\x89MCAP0\r\n" + bytes(40), read_trajectory, "binary")
-    add("mf4", ".mf4", b"MDF     4.10    lmeasure" + bytes(200), read_frames, "binary")
     add("tum", ".tum", b"0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", read_trajectory, "binary")
     add("zip", ".zip", hostile.packed(hostile.GOOD), _unpacked, "zip")
     add("public key", ".pub", (HERE / "authorities" / "sealed" / "laboratory.pem.pub").read_bytes(), read_public_key, "binary")
