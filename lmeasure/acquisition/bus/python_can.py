@@ -1,6 +1,5 @@
 """Load python-can without asammdf, which only its MF4 files need: with SymPy and pandas it costs each command on a bus or log a second."""
 
-import logging
 import sys
 from importlib import import_module, reload
 from typing import Any
@@ -26,5 +25,4 @@ def mf4_reader() -> Any:
     """Return python-can's class that reads MF4 files, with asammdf if it is installed."""
     import can.io.mf4
 
-    logging.getLogger("asammdf").disabled = True  # it prints what the exception says
     return (reload(can.io.mf4) if _hides else can.io.mf4).MF4Reader
