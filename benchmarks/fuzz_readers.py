@@ -5,7 +5,7 @@
 
 Readers and right files are those of `tests/helpers/readers.py`. An input that is not read or refused in one line, or that takes too long,
 is kept in FOLDER/found.
---seconds are of each reader. --write writes the table to benchmarks/results/fuzz_readers.md.
+--seconds are of each reader; 0: only the table. --write writes the table to benchmarks/results/fuzz_readers.md.
 """
 
 import hashlib
@@ -77,10 +77,12 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--reader", nargs="*", default=[])
     asked = parser.parse_args()
-    with instrumented():
-        from readers import readers
+    names: list[str] = []
+    if asked.seconds:
+        with instrumented():
+            from readers import readers
 
-        names = asked.reader or list(readers())
+            names = asked.reader or list(readers())
     asked.corpus.mkdir(parents=True, exist_ok=True)
     record = asked.corpus / "record.jsonl"
     for name in names:
