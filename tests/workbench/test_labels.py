@@ -14,11 +14,12 @@ from lmeasure.workflows import COMMANDS, load, options_of
 HERE = Path(workbench.__file__).parent
 
 
-def test_every_option_has_a_label_in_each_language() -> None:
+def test_every_option_has_a_label_and_a_help_in_each_language() -> None:
     for name in COMMANDS:
         for option in options_of(load(name).settings):
             assert option.label.code, f"{name}: add label.{option.name} to the catalogues"
             assert option.label.text("ru") != option.label.text("en"), option.label.code
+            assert option.help.code in texts("ru"), f"{name}: {option.name}"
 
 
 def test_every_kind_of_file_has_a_name_on_pages() -> None:
