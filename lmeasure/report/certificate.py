@@ -161,13 +161,14 @@ def _without_figures(content: dict[str, Any]) -> list[str]:
     return [f"{word(content['language'], f'kind.{kind}')} {say.visible(name)}" for kind, name in missing]
 
 
-def every_figure(content: dict[str, Any]) -> list[str]:
-    """Return all figures, test by test."""
+def every_figure(content: dict[str, Any], *, brief: bool = False) -> list[str]:
+    """Return all figures, test by test; brief: without their names in words and coverage factors."""
     out = [f"{say.title(content)} {content['id']}"]
     for test in say.results(content):
         out.append(f"{test.title}:")
         rows: list[tuple[str, ...]] = [
-            (place, r.symbol, r.name, r.value, f"{r.u95} {r.unit}".strip(), f"k {r.k}" if r.k else "", _verdict(r))
+            (place, r.symbol, *(() if brief else (r.name,)), r.value, f"{r.u95} {r.unit}".strip())
+            + (() if brief else (f"k {r.k}" if r.k else "", _verdict(r)))
             for place, r in test.rows
         ]
         out += _columns(rows)

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from lmeasure.accuracy import extent
 from lmeasure.report import figures, html, zone_text
-from lmeasure.text import Message, Say
+from lmeasure.text import Message, Say, typeset
 
 
 def write_inspection_page(
@@ -36,7 +36,7 @@ def write_inspection_page(
         Language of the page.
     """
     say = Say(language)
-    shown = [say.message(line) if isinstance(line, Message) else line for line in lines]
+    shown = [say.message(line) if isinstance(line, Message) else typeset(line) for line in lines]
     kind = re.sub(r"^\W+", "", Message(what.code, {**what.values, "file": ""}).text(language))
     picture = Markup() if figure is None else figures.figure(figure, "picture", language, hero=True)
     steps = (html.Step("", command),) if command else ()

@@ -175,7 +175,7 @@ def _write_page(out: Path, path: Path, content: Content, settings: InspectSettin
     language = settings.language or of_terminal()
     lines: Sequence[str] = content.lines
     if isinstance(content.noun, Certificate):
-        lines = every_figure({**content.noun.content, "language": language})[1:]
+        lines = [line.strip() for line in every_figure({**content.noun.content, "language": language}, brief=True)[1:]]
     elif isinstance(content.noun, xr.Dataset):
         lines = zone_lines(content.noun, language)
     figure = None if content.noun is None else figure_of(content.noun, say=Say(language))
