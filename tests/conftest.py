@@ -4,7 +4,7 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from typing import Any
 
 import pytest
@@ -22,6 +22,21 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 # how long an example takes depends on the load of the machine; the same examples every time; 50 where a test states no number
 settings.register_profile("unhurried", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("unhurried")
+
+
+LOOK_AT_REGIONS = ("test_doubted_residuals", "test_phase_of_zero", "test_published_rig", "test_recover", "test_regions", "test_robust")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fewer_draws(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Regions by an eighth of the draws, half of a calibration's time, where tests of calibrations do not look at regions."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.parent.name == "calibration" and request.path.stem not in LOOK_AT_REGIONS:
+            from lmeasure.estimation import confidence_regions
+
+            patch.setattr(confidence_regions, "DRAWS", 512)
+            patch.setattr(confidence_regions, "JOINT_DRAWS", 256)
+        yield
 
 
 @pytest.hookimpl(wrapper=True)

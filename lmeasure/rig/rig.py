@@ -132,6 +132,7 @@ class Rig(Shown, Strict):
     _paid_out: dict[str, float] = PrivateAttr(default_factory=dict)
     """True counts from `zero_length_mm` to where the counters were zeroed, by cable (`zeroed_at`)."""
     _zeroing: _Zeroing = PrivateAttr(default_factory=_Zeroing)
+    """Where the counters were zeroed (`zeroed_at`)."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
