@@ -26,7 +26,8 @@ from .content import (
     halving as halving,
     now as now,
 )
-from .dcc import SCHEMA as SCHEMA, Dcc as Dcc, Details as Details, dcc_xml as dcc_xml, read_dcc as read_dcc, read_details as read_details
+from .dcc import Dcc as Dcc, dcc_xml as dcc_xml, read_dcc as read_dcc
+from .details import SCHEMA as SCHEMA, Details as Details, read_details as read_details
 from .inputs import Inputs as Inputs, Measured as Measured, measure as measure
 from .laboratories import (
     Consensus as Consensus,

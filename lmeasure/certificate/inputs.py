@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from lmeasure.certificate.bundle import INPUTS, safe_name
-from lmeasure.certificate.dcc import Details, Logo, read_details, read_logo, with_reference
+from lmeasure.certificate.details import Details, Logo, read_details, read_logo, with_reference
 from lmeasure.certificate.signature import digest
 from lmeasure.core import QUATERNION_COLUMNS, CertificationError, OtherTrajectoryError
 from lmeasure.io import columns_of, files

@@ -8,7 +8,7 @@ import pytest
 import scipy.stats
 
 from lmeasure.certificate import round_up, targets
-from lmeasure.certificate.dcc import read_details
+from lmeasure.certificate.details import read_details
 from lmeasure.certificate.pictures import prediction_ellipse
 from lmeasure.core import FileFormatError
 from lmeasure.report import certificate_text as say

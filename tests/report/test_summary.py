@@ -11,7 +11,7 @@ from lxml import etree
 
 from lmeasure.certificate import chosen, round_scale
 from lmeasure.certificate.content import MOST
-from lmeasure.certificate.dcc import Logo, read_details, read_logo
+from lmeasure.certificate.details import Logo, read_details, read_logo
 from lmeasure.certificate.pictures import round_down
 from lmeasure.core import CertificationError
 from lmeasure.report import certificate_text as say, drawings, every_figure, headline

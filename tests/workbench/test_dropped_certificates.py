@@ -11,7 +11,7 @@ import pytest
 from bench import client, until
 from starlette.testclient import TestClient
 
-from lmeasure.certificate.dcc import read_details
+from lmeasure.certificate.details import read_details
 from lmeasure.report import word
 from lmeasure.workbench import details
 from lmeasure.workbench.certificates import courses

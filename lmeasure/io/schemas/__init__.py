@@ -47,7 +47,7 @@ FILE_KINDS = {
     "run": Kind("run.toml", "lmeasure.recording.run", "RunFile"),
     "scenario": Kind("scenario.toml", "lmeasure.simulation.scenario", "Scenario"),
     "program": Kind("program.toml", "lmeasure.recording.program", "Program"),
-    "details": Kind("details.toml", "lmeasure.certificate.dcc", "Details"),
+    "details": Kind("details.toml", "lmeasure.certificate.details", "Details"),
     "robot": Kind(
         "robot.toml",
         "lmeasure.robots.robot",
