@@ -22,7 +22,6 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, IntArray, se3
 from lmeasure.text import message
@@ -243,6 +242,8 @@ def architecturally_singular(base: FloatArray, platform: FloatArray) -> str | No
     """Why links from points base (6, 3) to points platform (6, 3) depend on each other at every pose; None where they do not."""
     a, b = base - base.mean(axis=0), platform - platform.mean(axis=0)
     size = max(np.abs(a).max(), np.abs(b).max())
+    from scipy.spatial.transform import Rotation
+
     rng = np.random.default_rng(0)
     poses = se3.pose(rng.normal(size=(POSES, 3)), Rotation.random(POSES, rng=rng))
     s = np.linalg.svd(link_rows(a / size, b / size, poses)[0], compute_uv=False)

@@ -17,9 +17,10 @@ SMALL, LARGE = 11.0, 14.0
 def write_rig_page(path: Path, rig: Rig, text: str, language: str) -> None:
     """Write a self-contained page with a drawing of each observation point and the text of rig.toml, whole or not at all."""
     say = Say(language)
-    answer = html.Answer(rig.name, say("rig_page.what"), "", (), "", (), Markup())
-    plot = Markup("").join(html.themed(guide_drawing(point)) for point in rig.observation_point)
-    html.write_page(path, "inspection.html", answer, say, plot=plot, text=text, blocks=[])
+    picture = Markup("").join(html.themed(guide_drawing(point)) for point in rig.observation_point)
+    html.write_page(
+        path, "inspection.html", html.Answer(rig.name, say("rig_page.what"), "", (), "", (), picture), say, text=text, blocks=[]
+    )
 
 
 def guide_drawing(point: ObservationPoint) -> str:

@@ -234,7 +234,7 @@ def test_windows_that_cannot_be_told() -> None:
     for value in (np.inf, 1e300):
         poses = trajectory.poses.copy()
         poses[i, 1] = value
-        refused(replace(trajectory, poses=poses), f"sample {i} at .* holds a number that is no position or quaternion")
+        refused(replace(trajectory, poses=poses), f"sample {i} at .* contains a number that is no position or quaternion")
     poses = trajectory.poses.copy()
     poses[i, 0] += 0.3
     refused(replace(trajectory, poses=poses), f"the robot moves in the window .* sample {i} at .* is 0.3 mm from the middle")

@@ -63,7 +63,7 @@ def test_zones_have_the_same_bits(linked: bool, monkeypatch: pytest.MonkeyPatch)
         seen.append(arguments)
         return zone_lanes.scan_lanes.dispatcher(*arguments)
 
-    monkeypatch.setattr("lmeasure.accuracy.scan.scan_lanes", noted)
+    monkeypatch.setattr("lmeasure.kernels.scan_lanes", noted)
     nodes, random = axis(-600.0, 600.0, 150.0), np.random.default_rng(2)
     positions = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 3)
     plan = make_plan(cell(0), None, positions, tilts(0.3, 2), start=np.eye(7)[6], full=True, near=True, bodies=BODIES)

@@ -153,4 +153,4 @@ def test_by_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypa
     assert all((w > 0.0) == r["used"] for w, r in zip(weights, record["residuals"], strict=True))
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "Веса строк" in page
-    assert "строк с весом меньше половины" in page
+    assert "трок с весом меньше половины" in page

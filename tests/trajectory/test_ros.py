@@ -50,7 +50,7 @@ def test_messages_hold_what_the_trajectory_does(tmp_path: Path) -> None:
 
 def test_times_before_zero_are_refused_and_leave_nothing(tmp_path: Path) -> None:
     times, poses = motion(5)
-    with pytest.raises(TrajectoryError, match=r"out.mcap: time_s = -1.0 lies before 0"):
+    with pytest.raises(TrajectoryError, match=r"out.mcap: time_s = -1.0 is before 0"):
         write_trajectory(tmp_path / "out.mcap", reconstruct(record(cell(), times - 1.0, poses)))
     assert list(tmp_path.iterdir()) == []
 
