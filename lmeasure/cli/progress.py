@@ -229,7 +229,7 @@ def recording(workflow: "Workflow", settings: "Any") -> "Result":
 
     if events.asked():
         return workflow.run(settings, show=events.live)
-    from lmeasure.cli.events import live_table
+    from lmeasure.cli.live import live_table
 
     with live_table() as show:
         return workflow.run(settings, show=show)
@@ -239,7 +239,7 @@ def watching(workflow: "Workflow", settings: "Asked") -> "Result":
     """Under the table of what comes."""
     if events.asked():
         return workflow.run(settings, show=events.live)
-    from lmeasure.cli.events import live_table
+    from lmeasure.cli.live import live_table
 
     with live_table() as show:
         return workflow.run(settings, show=show)

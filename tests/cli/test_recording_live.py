@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from lmeasure.acquisition import Progress, Samples
 from lmeasure.cli.app import app
-from lmeasure.cli.events import render
+from lmeasure.cli.live import render
 from lmeasure.core import LMeasureError
 from lmeasure.io import files
 from lmeasure.recording import read_counts, read_run
