@@ -36,7 +36,8 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
 def answer(folder: str, calibration: Calibration, comparison: Comparison | None, say: Say) -> html.Answer:
     """Return the first screen: whether the rig may be used, how good it is, what limits it, and what to do next."""
     record, refused = calibration.record, calibration.refused
-    limitations = len(record.unobservable) + sum(w.code not in HARMLESS for w in record.warnings)
+    # what is unobservable has its warning too
+    limitations = len(record.unobservable) + sum(w.code not in (*HARMLESS, "underdetermined") for w in record.warnings)
     moved = comparison is not None and comparison.moved
     if refused is not None:
         state, verdict = "bad", say("calibration.not_used", why=say.message(refused))
