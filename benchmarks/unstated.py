@@ -1,6 +1,6 @@
 """Slow study: what becomes of calibrations and runs when nobody states how good drums, pulleys, attachment points and reference poses are.
 
-    python benchmarks/unstated.py --rigs 24 --keep unstated.jsonl --write
+    python benchmarks/unstated.py --rigs 24 --keep benchmarks/results/unstated.jsonl --write
 
 The simulator below shares no code with lmeasure. A world breaks one assumption of the solver. Each rig is calibrated by 20 reference poses,
 and then measures a motion whose start, the calibration's zero pose, is stated to be exact. Both state 20 deg C. "stated": rig.toml
