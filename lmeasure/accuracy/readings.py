@@ -130,7 +130,7 @@ def readings_of(rig: Rig, calibration: CalibrationRecord | None, start: FloatArr
 
 
 def determined(readings: Readings, poses: FloatArray) -> Determined:
-    """Return what the readings tell at poses (n, 7)."""
+    """Return the information of the readings at poses (n, 7)."""
     rows, m, poses = readings.rows, len(readings.rows), np.ascontiguousarray(poses)
     values = kernels.span_lengths(rows, poses)
     A = kernels.span_rows_of(rows, poses)

@@ -115,7 +115,7 @@ def goes_on(zone: "xr.Dataset") -> list[str]:
 
 
 def advice(zone: "xr.Dataset", rig: Path) -> list[str]:
-    """Return what can be done where no node is in the zone."""
+    """Return advice for a zone without a node."""
     reason, nodes = max(sole_reasons(zone).items(), key=lambda item: item[1])
     command = f"lmeasure place {pasted(rig)} --task placement.toml --out placed"
     because_of = message("zone_line.nothing_because", nodes=nodes, reason=message(f"zone_reason.{reason}"))

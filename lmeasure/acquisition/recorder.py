@@ -187,7 +187,7 @@ def watch(
 
 
 def nothing_came(counting: Counting) -> str:
-    """Return what is said where not one sample came."""
+    """Return the message of a recording without a sample."""
     channels = ", ".join(f.channel for f in counting.fields)
     why = counting.bus.silence(counting.source.bit_rate or counting.rig.can_table.bit_rate)
     return message("bus.no_sample", bus=counting.source.name, frames=counting.frames, channels=channels, why=why)

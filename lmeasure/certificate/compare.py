@@ -307,7 +307,7 @@ def _exchangeability(certificates: Sequence[tuple[str, dict[str, Any]]]) -> tupl
 
 
 def lines(found: Comparison) -> list[str]:
-    """Return what a person reads."""
+    """Return the lines for a person."""
     out: list[str] = [message("certificate_line.kind", kind=found.kind, names=tuple(found.names))]
     for pair in found.pairs:
         code = "certificate_line.shared" if pair.shared else "certificate_line.not_shared"

@@ -190,7 +190,7 @@ class Details(Strict):
     """Accreditation; for accredited laboratories only."""
 
     def stated(self) -> dict[str, Any]:
-        """Return what is stated, as the tables of the file; nothing else."""
+        """Return the stated values, as the tables of the file; nothing else."""
         return {key: value for key, value in self.model_dump(by_alias=True, exclude_none=True).items() if value != {}}
 
 

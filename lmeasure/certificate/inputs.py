@@ -65,7 +65,7 @@ class Inputs:
 
     @property
     def beside(self) -> Stated:
-        """Return what is said of the trajectory's file beside it."""
+        """Return the messages about the trajectory's file beside it."""
         turn = None if self.u_rotation_deg is None else math.radians(self.u_rotation_deg)
         return Stated(columns_of(self.columns), self.u_position_mm, turn, of_others=self.sealed)
 

@@ -209,7 +209,7 @@ def _consistent(x: FloatArray, weights: FloatArray) -> bool:
 
 
 def laboratory_lines(found: Sequence[Consensus]) -> list[Message]:
-    """Return what a person reads: each consensus, and each laboratory that does not agree."""
+    """Return the lines for a person: each consensus, and each laboratory that does not agree."""
     out = []
     for one in found:
         value, u95 = with_u95(one.value, 2.0 * one.u)

@@ -91,7 +91,7 @@ class Group(_InWords, TyperGroup):
 
 
 def wrong_use(error: typer.TyperException) -> str:
-    """Return what a person reads who typed what cannot be parsed."""
+    """Return the error of words that cannot be parsed."""
     lines = []
     ctx = getattr(error, "ctx", None)
     if ctx is not None:

@@ -261,7 +261,7 @@ class Found(NamedTuple):
 
     @property
     def improvement(self) -> Improvement:
-        """Return what correction made of the robot."""
+        """Return the robot's improvement by correction."""
         assert self.robot.loop is not None
         return self.robot.loop.improvement
 

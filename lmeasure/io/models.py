@@ -316,7 +316,7 @@ def _plain(keys: Keys, one: Any, data: Any) -> tuple[Keys, str]:
 
 
 def _words(one: Any) -> str:
-    """Return what is wrong with a value, in the words of files."""
+    """Return the fault of a value, in the words of files."""
     limits = {name: f"{value:g}" if isinstance(value, float) else value for name, value in one.get("ctx", {}).items()}
     raised, kind = limits.get("error"), _PLAIN.get(one["type"], "")
     if not kind:

@@ -46,7 +46,7 @@ def _shown(cell: str) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Return what another library says, as one short line of printable text."""
+    """Return the message of another library, as one short line of printable text."""
     text = " ".join("".join(c if c.isprintable() or c.isspace() else "?" for c in str(error)).split())
     return text if len(text) <= 200 else text[:200] + "..."
 

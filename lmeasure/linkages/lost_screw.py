@@ -28,7 +28,7 @@ class Screw:
 
     @property
     def said(self) -> Message:
-        """Return what is said of it."""
+        """Return its messages."""
         along = tuple(float(x) for x in self.direction)
         if np.isinf(self.pitch_mm):
             return message("screw.shift", along=along)

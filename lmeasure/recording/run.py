@@ -317,7 +317,7 @@ class Recorded:
     sha256: Mapping[str, str] = field(default_factory=dict)
 
     def notes(self) -> list[Message]:
-        """Return what a reader of poses must know."""
+        """Return the notes for a reader of poses."""
         out = []
         if self.early:
             early = {"number": self.passage}
@@ -383,7 +383,7 @@ def check_digests(recorded: tuple[Recorded, ...], counts: Mapping[str, Path], pa
 
 
 def notes_of(recorded: tuple[Recorded, ...]) -> tuple[Message, ...]:
-    """Return what a reader of poses must know of the recording."""
+    """Return the notes on the recording for a reader of poses."""
     return tuple(note for entry in recorded for note in entry.notes())
 
 

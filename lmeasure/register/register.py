@@ -385,7 +385,7 @@ class Register:
             return connection.execute(sa.select(_entry.c.number).where(_entry.c.digest.in_(digests))).first() is not None
 
     def faults(self) -> tuple[str, ...]:
-        """Return what is wrong with the chain: one line for each row that is not as it was added."""
+        """Return the faults of the chain: one line for each row that is not as it was added."""
         out, before, wanted = [], ORIGIN, 1
         with self._reading() as connection:
             rows = connection.execute(sa.select(_entry).order_by(_entry.c.number)).all()

@@ -135,7 +135,7 @@ def part_of(language: str, figure: Mapping[str, Any]) -> str:
 
 
 def characteristic_name(language: str, name: str) -> str:
-    """Return what a characteristic such as AP_x is called, with its component; empty where no installed package knows it."""
+    """Return the name of a characteristic such as AP_x, with its component; empty where no installed package knows it."""
     known = quantity_of(name)
     if known is None:
         return ""
@@ -508,7 +508,7 @@ def largest_source(certificate: dict[str, Any], figure: Mapping[str, Any], row: 
 
 
 def contributions(certificate: dict[str, Any]) -> tuple[tuple[str, ...], Rows, list[str]]:
-    """Return what each source contributes to each result: header, rows, and the sources behind the numbers of the columns."""
+    """Return the contribution of each source to each result: header, rows, and the sources behind the numbers of the columns."""
     language = certificate["language"]
     figures = [f for f in certificate["characteristics"] if f.get("budget")]
     sources = list(dict.fromkeys(row["source"] for f in figures for row in f["budget"]))

@@ -96,7 +96,7 @@ def changes_figure(found: Comparison, say: Say = ENGLISH) -> go.Figure:
 
 
 def reported(better: Improvement) -> list[str]:
-    """Return what a person reads of an improvement, line by line."""
+    """Return the lines about an improvement."""
     low, high = better.factor_95
     before, after = better.before_mm[0], better.after_mm[0]
     within = message("report.factor_within", low=low, high=high) if math.isfinite(high) else message("report.factor_least", low=low)

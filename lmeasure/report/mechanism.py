@@ -81,7 +81,7 @@ def _size(name: str, value: float, say: Say) -> str:
 
 
 def limit_words(say: Say = ENGLISH) -> dict[str, str]:
-    """Return what each limit of a workspace is called."""
+    """Return the name of each limit of a workspace."""
     return {
         "reached": say("mechanism.reach_legs"),
         "joints": say("mechanism.limits_joints"),

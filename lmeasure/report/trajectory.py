@@ -156,7 +156,7 @@ def _vibration(v: Vibration, language: str) -> str:
 
 
 def _kinds(found: Along, language: str) -> list[tuple[str, ...]]:
-    """Return what has no pose, or was measured without a cable, by cause."""
+    """Return the samples without a pose or measured without a cable, by cause."""
     say, second = Say(language), texts(language, "trajectory")["s"]
     kinds: dict[tuple[int, Cause, str], list[Stretch]] = {}
     for s in found.stretches:

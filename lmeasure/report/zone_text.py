@@ -164,7 +164,7 @@ def criteria(zone: xr.Dataset, say: Say) -> Rows:
 
 
 def reason_words(say: Say) -> dict[str, str]:
-    """Return what each reason is called that takes a node from the zone."""
+    """Return the name of each reason that takes a node from the zone."""
     return {
         "cable_cannot_run": say("zone.cable_cannot_run"),
         "singular": say("zone.singular"),

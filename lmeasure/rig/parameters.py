@@ -16,7 +16,7 @@ from lmeasure import kernels
 from lmeasure.core import BoolArray, CalibrationError, FloatArray, RigError
 from lmeasure.rig.points_and_drums import Cable, Drum, ObservationPoint
 from lmeasure.rig.rig import Observed, Rig, rig_from_dict
-from lmeasure.rig.sensor_table import OwnParameter, SensorChannel, SensorTable
+from lmeasure.rig.sensor_table import Keyed, OwnParameter, SensorChannel, SensorTable
 from lmeasure.text import message
 
 
@@ -30,12 +30,11 @@ class Owner(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CableParameter:
+class CableParameter(Keyed):
     """A kind of parameter of a cable. key: after the owner's name, that of a value in a calibration record; group: what `--solve` calls it.
     default_u: prior standard uncertainty of a nominal value that states none (a drawing, a tape measure, a protractor); assumed_u: of one
     in the rig's `assumed` list, which nobody measured. column: where the kernels' rows have it, if they do."""
 
-    key: str
     owner: Owner
     group: str
     default_u: float
@@ -47,16 +46,6 @@ class CableParameter:
     inverse: str = ""  # A key of rig.toml that says the same the other way round: what is uncertain of it is uncertain of the parameter
     per_revolution: bool = False  # Whether the kernels' rows have it per count, as its share of a drum's revolution
     unsigned: bool = False  # Whether its sign means nothing
-
-    @property
-    def unit(self) -> str:
-        """mm, deg, or nothing."""
-        return next((unit for unit in ("mm", "deg") if self.key.endswith(f"_{unit}")), "")
-
-    @property
-    def factor(self) -> float:
-        """Return what the kernels have for one unit: radians of a degree."""
-        return math.radians(1.0) if self.unit == "deg" else 1.0
 
     def name(self, cable: Cable) -> str:
         """Return what a calibration record calls it."""

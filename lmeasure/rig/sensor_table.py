@@ -51,15 +51,10 @@ class Instrument(Protocol):
 
 
 @dataclass(frozen=True)
-class OwnParameter:
-    """A number of a sensor's table on which its reading depends. key: its name in a calibration record, behind the channel's; stored,
-    index: where rig.toml has it; place: where it is among the kernels' `PARAMETERS`; stated: the key of its standard uncertainty."""
+class Keyed:
+    """A parameter of a rig, whose key ends in its unit."""
 
     key: str
-    stored: str
-    index: int | None
-    place: int
-    stated: str
 
     @property
     def unit(self) -> str:
@@ -68,8 +63,19 @@ class OwnParameter:
 
     @property
     def factor(self) -> float:
-        """Return what the kernels have for one unit: radians of a degree."""
+        """Return the kernels' value of one unit: radians of a degree."""
         return math.radians(1.0) if self.unit == "deg" else 1.0
+
+
+@dataclass(frozen=True)
+class OwnParameter(Keyed):
+    """A number of a sensor's table on which its reading depends. key: its name in a calibration record, behind the channel's; stored,
+    index: where rig.toml has it; place: where it is among the kernels' `PARAMETERS`; stated: the key of its standard uncertainty."""
+
+    stored: str
+    index: int | None
+    place: int
+    stated: str
 
 
 @dataclass(frozen=True)

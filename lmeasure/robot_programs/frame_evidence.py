@@ -126,7 +126,7 @@ def _large(compared: _Compared) -> bool:
 
 
 def _point(name: str) -> str:
-    """Return what a point is called, without the marks of joint values and poses; empty where that is no name."""
+    """Return the name of a point, without the marks of joint values and poses; empty where that is no name."""
     plain = re.sub(r"^[jpqx](?=[A-Z][a-z])", "", name)
     match = _MARKED.fullmatch(plain)
     point = (match[1] if match else plain).lower()

@@ -96,7 +96,7 @@ class CableEffect:
 
     @property
     def said(self) -> Message:
-        """Return what it is called, in every language."""
+        """Return its name, in every language."""
         return message(f"exact.{self.code}")
 
 

@@ -293,7 +293,7 @@ def _log_looks(rec: rr.RecordingStream, rig: Rig, *, place_only: bool) -> None:
 
 
 def thinned_note(frames: Thinned) -> list[str]:
-    """Return what is to be said of frames that are fewer than the samples."""
+    """Return the messages about frames that are fewer than the samples."""
     text = message("view.frames", drawn=len(frames), samples=frames.seen)
     return [text] if len(frames) < frames.seen else []
 

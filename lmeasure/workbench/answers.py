@@ -218,7 +218,7 @@ def unread(request: Request, error: Exception) -> Response:
 
 
 def within(folder: Path, error: Exception, language: str) -> str:
-    """Return what an error says, with paths as they are called in the project."""
+    """Return the text of an error, with paths as they are called in the project."""
     return why(language, error).replace(f"{folder.resolve()}{os.sep}", "").replace(f"{folder}{os.sep}", "")
 
 

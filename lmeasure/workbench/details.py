@@ -79,7 +79,7 @@ ENTRIES = tuple(entry for entries in FORM.values() for entry in entries)
 
 
 def label(entry: Entry, language: str) -> str:
-    """Return what a field is called: as its row of the certificate, where it alone fills that."""
+    """Return the name of a field: as its row of the certificate, where it alone fills that."""
     text = said(language, entry.label) if entry.label else word(language, entry.row)
     return text[:1].upper() + text[1:]
 

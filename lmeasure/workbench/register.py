@@ -93,7 +93,7 @@ def charts(request: Request) -> Response:
 
 
 def due_list(request: Request) -> Response:
-    """Return what is due for calibration, the earliest first."""
+    """Return the instruments due for calibration, the earliest first."""
     from lmeasure.register import due, read_limits
 
     with _opened(request) as register:

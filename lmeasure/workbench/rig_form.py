@@ -62,7 +62,7 @@ class Leaf(NamedTuple):
     assumed: bool
 
     def named(self, say: Callable[[str], str]) -> str:
-        """Return what the field is called."""
+        """Return the name of the field."""
         return " ".join(part for part in (self.within and f"{say(self.within)}:", say(self.label), self.axis) if part)
 
 

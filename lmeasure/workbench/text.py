@@ -13,7 +13,7 @@ def said(language: str, text: str, /, **values: object) -> str:
 
 
 def why(language: str, error: BaseException) -> str:
-    """Return what an error says, in a language."""
+    """Return the text of an error, in a language."""
     return said(language, faults(error)[0] if isinstance(error, LMeasureError) else reason(error))
 
 

@@ -102,7 +102,7 @@ def inside(folder: Path, *names: str) -> tuple[Path, ...]:
 
 
 def in_run_folder(folder: Path, *more: str) -> tuple[Path, ...]:
-    """Return what a run folder holds, as far as it is there: which passes a command will write it does not know yet."""
+    """Return the content of a run folder, as far as it is there: which passes a command will write it does not know yet."""
     there = [path for pattern in ("pass[0-9]*.csv", "pass[0-9]*.parquet", "pass[0-9]*.log") for path in sorted(folder.glob(pattern))]
     there += [folder / left.name for left in abandoned(folder) if left.name.startswith("pass")]
     first = inside(folder, "pass1.csv", "pass1.parquet", "pass1.events.csv")
@@ -124,7 +124,7 @@ def _of_unlikely(inputs: Iterable[Path]) -> Iterator[list[str]]:
 
 
 def sizes_of(paths: Iterable[Path]) -> list[str]:
-    """Return what is unlikely of the sizes of rigs among files."""
+    """Return the unlikely sizes of rigs among files."""
     from lmeasure.io import LARGEST_TOML, read_regular, read_toml
     from lmeasure.rig import unlikely_size
 

@@ -111,7 +111,7 @@ def _choice(ask: Ask, question: str, options: tuple[str, ...]) -> str:
 
 
 def _asked(ask: Ask, template: "Template") -> "Answers":
-    """Return what differs from rig to rig. Numbers are asked for again until they are some; Enter keeps a guess a guess."""
+    """Return the values that differ from rig to rig. Numbers are asked for again until they are some; Enter keeps a guess a guess."""
     from lmeasure.core import CONVENTIONS
     from lmeasure.templates import DRUM, PULLEY_RADIUS_MM, Answers
 

@@ -97,7 +97,7 @@ def _files(folder: Path) -> dict[Path, int]:
 
 
 def _missing(settings: RecordSettings) -> str:
-    """Return what is said of a run without a start."""
+    """Return the messages about a run without a start."""
     from lmeasure.rig import read_rig
     from lmeasure.trajectory import enough_absolute
 

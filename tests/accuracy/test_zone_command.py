@@ -90,6 +90,11 @@ def test_an_empty_zone_says_what_to_do(rig_file: Path) -> None:
     assert result.exit_code == 0, result.output
     assert "no position of the box is in the zone; pressure angle alone excludes 27 nodes" in result.output
     assert f"lmeasure place {rig_file} --task placement.toml --out placed" in result.output
+    whole = rig_file.parent / "z-whole.nc"
+    assert result.output.splitlines()[-1] == f"next: lmeasure zone {rig_file} --out {whole}"
+    # the box around the rig has no node within a degree either: then the points have to move
+    again = CliRunner().invoke(app, ["zone", str(rig_file), "--limit-deg", "1", "--out", str(whole)])
+    assert again.output.splitlines()[-1] == f"next: lmeasure place {rig_file} --task placement.toml --out placed"
 
 
 @pytest.mark.parametrize(

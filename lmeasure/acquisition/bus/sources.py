@@ -115,7 +115,7 @@ class Source(Protocol):
         """Frames that came within the time, perhaps none; None when there will be no more. AcquisitionError when the source is lost."""
 
     def notices(self) -> list[Notice]:
-        """Return what happened to the source since the last question."""
+        """Return the events of the source since the last question."""
 
     def close(self) -> None:
         """Let go of it; a second time does nothing."""

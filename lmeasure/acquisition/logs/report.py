@@ -78,7 +78,7 @@ class LogReport:
             self.unread_kinds["not accounted for"] += missing
 
     def notes(self) -> list[str]:
-        """Return what a person should know, one line each."""
+        """Return notes for a person, one line each."""
         early = [text_of("log.ended_early", why=self.ended_early)] if self.ended_early else []
         return early + self._unread() + self.remarks
 

@@ -113,7 +113,7 @@ class CalibrationSettings:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Return what is solved for freely: what else is uncertain follows from its prior."""
+        """Return the parameters that are solved freely: all others follow from their priors."""
         return self.solve or ("position", "guide")
 
 

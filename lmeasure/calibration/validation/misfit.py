@@ -92,7 +92,7 @@ def _rms(found: Fit) -> float:
 
 
 def _covered(state: State[Model], findings: list[Finding], before: float) -> Explained:
-    """Return what is left unexplained goes into the covariance, and into the lengths."""
+    """Add the unexplained residuals to the covariance and to the lengths."""
     model, found = state.problem, state.fit
     known = model.noise.u_length_mm
     u_length = np.maximum(np.zeros(len(model.campaign.cables)) if known is None else known, np.where(_drawn(model), state.doubt, 0.0))

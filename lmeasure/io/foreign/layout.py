@@ -57,7 +57,7 @@ def unit_named(text: str) -> str:
 
 
 def headed(name: str) -> tuple[str, str]:
-    """Return what a column is called without the unit that its header states, as `X [mm]`, `Time (Seconds)` or `x_mm`, and that unit; the
+    """Return the name of a column without the unit that its header states, as `X [mm]`, `Time (Seconds)` or `x_mm`, and that unit; the
     whole name and nothing where it states none."""
     match = _HEADED.fullmatch(name.strip())
     if match is not None and (unit := unit_named(match[2])):

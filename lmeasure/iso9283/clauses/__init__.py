@@ -67,7 +67,7 @@ def trend_names() -> tuple[str, ...]:
 
 
 def quantity_of(name: str) -> Quantity | None:
-    """Return what is known of a characteristic such as AP_p, of other packages too; None where no installed package knows it."""
+    """Return the description of a characteristic such as AP_p, of other packages too; None where no installed package knows it."""
     return _quantity(CLAUSES, name) or _quantity(plug_ins(GROUP, Clause)[0].values(), name)
 
 

@@ -42,7 +42,7 @@ class RestTest(IsoTest):
         return band
 
     def not_reached(self, reported: Reported, code: str, band_mm: float, **of: str) -> Message | None:
-        """Return what is to be said of the first cycle that does not reach its band."""
+        """Return the messages about the first cycle that does not reach its band."""
         for cycle, ((start, end), reached) in enumerate(zip(self.windows, reported.reached, strict=True), 1):
             if not reached:
                 return message(code, **of, cycle=cycle, band_mm=band_mm, start_s=start, end_s=end)

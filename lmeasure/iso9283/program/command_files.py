@@ -321,7 +321,7 @@ def _rest(drawn: AnyRobot) -> FloatArray:
 
 
 def _remarks(drawn: AnyRobot, nominal: Mounted, done: Performance, *, programmed: bool) -> tuple[str, ...]:
-    """Return what a person should know before believing such a robot."""
+    """Return the notes that a person should know before believing such a robot."""
     ends = np.array([command.poses[-1] for command in done.commands])
     out = []
     if isinstance(drawn, ParallelFile):

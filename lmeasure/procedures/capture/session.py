@@ -110,7 +110,7 @@ class Trust:
 
     @property
     def why(self) -> str:
-        """Return what is to be said against them."""
+        """Return the objections to them."""
         return joined(composed("{channel} {what}", channel=channel, what=what) for channel, what in self.doubts.items()) or (
             message("capture.this_new_session") if self.resumed else ""
         )

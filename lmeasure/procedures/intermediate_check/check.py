@@ -154,7 +154,7 @@ def _reconstruction(run: Run, aligned: Alignment) -> Reconstruction:
 
 
 def as_dict(found: Checked) -> dict[str, Any]:
-    """Return what a check's file holds."""
+    """Return the content of a check's file."""
     stops, reported = found.stops, found.agreement
     return {
         "schema": "lmeasure.check-instrument/1",
@@ -197,7 +197,7 @@ def said(found: Checked, language: str = "en") -> list[str]:
 
 
 def moved_text(c: Cause) -> str:
-    """Return what has changed, in words."""
+    """Return the changes in words."""
     unit = message(f"unit_sign.{c.unit}") if c.unit in ("mm", "deg", "%") else c.unit
     return message(f"check_line.moved.{c.kind}", name=c.name, size=c.size, unit=unit, u=c.u)
 

@@ -93,7 +93,7 @@ def unknown_frames(fit: Fit[R]) -> list[Silent]:
 
 
 def _plain(owner: str) -> Message:
-    """Return what a frame is called."""
+    """Return the name of a frame."""
     if owner in ("base", "tool", "instrument"):
         return message(f"identify.frame.{owner}")
     kind, _, name = owner.partition("_")

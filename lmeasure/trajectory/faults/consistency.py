@@ -131,7 +131,7 @@ class Consistency:
         self._limits: dict[bytes, float] = {}
 
     def judged(self, before: Doubts) -> Doubts:
-        """Return what is in doubt of the run: before, and beside it what its cables say of each other."""
+        """Return the doubts about the run: before, and beside it what its cables say of each other."""
         every = list(before.every)
         for number in range(ROUNDS + 1):
             poses = self._solve(self._epochs.change_mm)
@@ -333,7 +333,7 @@ def _without(changes: FloatArray, cables: tuple[int, ...], where: BoolArray | No
 
 
 def _notes(rig: Rig, every: list[Doubt]) -> list[Message]:
-    """Return what is to be said of inconsistencies in a summary."""
+    """Return the messages about inconsistencies in a summary."""
     notes = []
     for doubt in sorted((d for d in every if d.status == Status.INCONSISTENT), key=lambda d: d.after_s):
         begin = message("time.beginning") if np.isinf(doubt.after_s) else message("time.at", s=doubt.after_s)
@@ -404,7 +404,7 @@ def collect_epochs(reconstruction: Reconstruction, pieces: Iterable[Lengths], sa
 
 
 def consistent(reconstruction: Reconstruction, pieces: Iterable[Lengths], before: Doubts, samples: RunSamples | None = None) -> Doubts:
-    """Return what is in doubt of a run, given its lengths piece by piece as they are used by what is known before; samples: as
+    """Return the doubts about a run, given its lengths piece by piece as they are used by what is known before; samples: as
     `collect_epochs` takes it."""
     redundancy, budget = reconstruction.redundancy, reconstruction.budget
     if redundancy is None:

@@ -35,7 +35,7 @@ COARSE_MM = 1.0  # A step of a channel that would not be seen is said to be one 
 
 
 def doubts_of(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
-    """Return what is in doubt of a run, by its breaks and its rests, whose lengths are those of all counts, doubtful ones included."""
+    """Return the doubts about a run, by its breaks and its rests, whose lengths are those of all counts, doubtful ones included."""
     every = [_for_a_moment(rig, away) for away in continuity.away]
     for s in continuity.stood:
         said = message("channel.stands", channel=rig.cable[s.cable].channel, from_s=s.after_s)
@@ -186,7 +186,7 @@ class Step:
 
     @property
     def said(self) -> Message:
-        """Return what is said of it."""
+        """Return its messages."""
         by = {"counts": self.counts, "mm": self.length_mm}
         return message("counts.stepped", channel=self.channel, cable=self.name, **by, after_s=self.after_s, before_s=self.before_s)
 

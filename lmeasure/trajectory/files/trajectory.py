@@ -132,7 +132,7 @@ class Trajectory(Shown):
         return self.overview().text()
 
     def overview(self) -> "Summary":
-        """Return what is to be said of it."""
+        """Return its messages."""
         summary = Summary()
         summary.add(self)
         return summary

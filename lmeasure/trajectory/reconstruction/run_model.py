@@ -199,7 +199,7 @@ class RunModel:
 
     @cached_property
     def scheme(self) -> Scheme:
-        """Return what is solved for. RigError when the rig's cables do not determine the pose."""
+        """Return the unknowns. RigError when the rig's cables do not determine the pose."""
         return scheme_of(self.rig, self.start, self.constraint)
 
     @cached_property

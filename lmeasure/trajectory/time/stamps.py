@@ -390,7 +390,7 @@ class Stamps:
 
     @property
     def notes(self) -> tuple[Message, ...]:
-        """Return what is to be said of the stamps."""
+        """Return the messages about the stamps."""
         return tuple(said for said in (self.note, self.gap) if said is not None)
 
 

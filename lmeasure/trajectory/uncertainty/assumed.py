@@ -106,7 +106,7 @@ def place_of(poses: FloatArray, parts_mm: FloatArray) -> Message | None:
 
 
 def assumed_of(own: FloatArray, factors: FloatArray, groups: dict[str, FloatArray]) -> Assumed:
-    """Return what assumed sizes make of poses with random errors own (n, 6, m) and shared ones factors (n, 6, K); groups: factors
+    """Return the effect of assumed sizes on poses with random errors own (n, 6, m) and shared ones factors (n, 6, K); groups: factors
     (n, 6, K) of the variables of each typical size, by its key."""
     known = np.isfinite(own).all(axis=(1, 2)) & np.isfinite(factors).all(axis=(1, 2))
     if not known.any():

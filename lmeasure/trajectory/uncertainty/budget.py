@@ -422,7 +422,7 @@ class Budget:
     def assumed_of_run(
         self, poses: FloatArray, lengths: sensors.Lengths, unused: BoolArray | None = None, *, travel: FloatArray | None = None
     ) -> Assumed:
-        """Return what assumed sizes make of the uncertainty at some of the (n, 7) poses of a run."""
+        """Return the effect of assumed sizes on the uncertainty at some of the (n, 7) poses of a run."""
         known = np.flatnonzero(~np.isnan(poses[:, 0]))
         some = known[:: -(-len(known) // SAMPLED)] if len(known) else known
         u_mm, warm, gone = (None if of is None else of[some] for of in (lengths.u_mm, lengths.temperature_c, travel))
@@ -430,7 +430,7 @@ class Budget:
         return self.assumed(at, u_mm, None if unused is None else unused[some])
 
     def assumed(self, at: Situation, u_mm: FloatArray | None = None, unused: BoolArray | None = None, *, places: bool = False) -> Assumed:
-        """Return what assumed sizes make of the uncertainty of poses; u_mm, unused: as `of` has them; places: and where they make most."""
+        """Return the effect of assumed sizes on the uncertainty of poses; u_mm, unused: as in `of`; places: and where they are largest."""
         keys = np.array([key for source in self.every for key in _assumed_in(source)])
         exact = self.rig.unstated == "exact" and self.model.exact
         if not keys.any() or not len(at.poses):

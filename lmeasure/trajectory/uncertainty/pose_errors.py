@@ -195,7 +195,7 @@ def source_of(name: str, assumed: str) -> ErrorSource:
 
 
 def name_of_source(name: str) -> Message | str:
-    """Return what a source of errors is called."""
+    """Return the name of a source of errors."""
     return message(SOURCES[name]) if name in SOURCES else name
 
 
