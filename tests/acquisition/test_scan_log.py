@@ -101,6 +101,46 @@ def test_what_is_no_counter_is_told_as_what_it_is(log: Path) -> None:
     assert all(len(line) <= 90 for line in scan.lines()[1:])
 
 
+def bytes_of(values: np.ndarray, dtype: str) -> np.ndarray:
+    """The bytes of whole numbers, a row for each."""
+    return values.astype(dtype).view(np.uint8).reshape(len(values), -1)
+
+
+WAY = np.cumsum(np.rint(60.0 * np.sin(np.arange(2000) / 150.0)).astype(np.int64))
+STATUS, RANDOM = np.full((2000, 1), 0x81, np.uint8), np.random.default_rng(3).integers(0, 256, (2000, 1)).astype(np.uint8)
+ZERO = 0 * STATUS
+
+
+@pytest.mark.parametrize(
+    ("parts", "found"),
+    [
+        ((STATUS, bytes_of(WAY, "<i4")), [(1, 4, "little")]),
+        ((STATUS, bytes_of(WAY, ">i4"), RANDOM, ZERO), [(1, 4, "big")]),
+        ((STATUS, bytes_of(WAY + 7_995_000, ">i4")[:, 1:]), [(1, 3, "big")]),
+        ((bytes_of(WAY, "<i4")[:, :3], bytes_of(2 * WAY + 7, "<i4")[:, :3]), [(0, 3, "little"), (3, 3, "little")]),
+        ((bytes_of(WAY, "<i4"), ZERO, RANDOM, ZERO), [(0, 4, "little")]),
+        ((bytes_of(WAY, ">i4"), bytes_of(np.gradient(WAY), ">i2")), [(0, 4, "big")]),
+    ],
+)
+def test_counters_are_found_at_every_byte_and_beside_numbers_that_are_none(
+    parts: tuple[np.ndarray, ...], found: list[tuple[int, int, str]], tmp_path: Path
+) -> None:
+    (tmp_path / "drive.log").write_bytes(candump_lines(noise(np.arange(2000) / 1000.0, 0x181, np.hstack(parts))))
+    (carried,) = scan_log(tmp_path / "drive.log").carried
+    assert [(c.first, c.size, c.order) for c in carried.counters] == found
+
+
+def test_a_byte_that_selects_the_counter_is_named_and_nothing_is_guessed(tmp_path: Path) -> None:
+    selector = np.tile(np.arange(4, dtype=np.uint8), 500)[:, None]
+    ways = (WAY + 300_000 * selector[:, 0].astype(np.int64)) * (1 + selector[:, 0])
+    (tmp_path / "drive.log").write_bytes(
+        candump_lines(noise(np.arange(2000) / 1000.0, 0x181, np.hstack([selector, bytes_of(ways, "<i4")])))
+    )
+    scan = scan_log(tmp_path / "drive.log")
+    assert scan.table() == []
+    assert scan.lines()[2].strip() == "byte 0 selects one of 4 counters: give a DBC file (--dbc)"
+
+
 def test_a_log_in_which_nothing_moved_says_so(tmp_path: Path) -> None:
     time_s = np.arange(50) / 100.0
     (tmp_path / "still.log").write_bytes(candump_lines(noise(time_s, 0x181, np.tile([1, 2, 3, 0], (50, 1)))))

@@ -28,6 +28,13 @@ LEAST = 8
 SMALL = 1.0 / 16.0
 """Part of a field's range that a counter steps by at most, but for a few of its steps."""
 FEW = 0.01
+MANY = 4.0
+"""Mean steps in the range of a counter; bytes without a pattern go three."""
+SUMMED = 10
+ALIKE = 0.98
+"""Frames whose steps are summed, and their least correlation with a speed."""
+SELECTED = 32
+"""Counters that one identifier carries in turn, at most."""
 SPREAD = 0.25
 """Periods of a SYNC by which the delays of its answers differ at most."""
 WIDTHS = (4, 3, 2)
@@ -46,14 +53,25 @@ class Field:
     least: int
     most: int
     step: int
+    moves: int
+    """Frames at which its low byte differs from that of the frame before."""
     values: IntArray = field(default_factory=lambda: np.empty(0, np.int64), repr=False, compare=False)
     """(n,) whole counts of the frames that were looked at."""
 
     @property
+    def low(self) -> int:
+        """Place of its low byte."""
+        return self.first if self.order == "little" else self.first + self.size - 1
+
+    @property
+    def span(self) -> str:
+        """Its bytes."""
+        return f"{self.first}-{self.first + self.size - 1}"
+
+    @property
     def text(self) -> str:
         """In words."""
-        span = f"{self.first}-{self.first + self.size - 1}"
-        values = {"span": span, "bits": 8 * self.size, "least": self.least, "most": self.most, "step": self.step}
+        values = {"span": self.span, "bits": 8 * self.size, "least": self.least, "most": self.most, "step": self.step}
         return message(f"scan.counter_{self.order}", **values)
 
 
@@ -72,6 +90,8 @@ class Carried:
     others: tuple[str, ...]
     answers: int | None = None
     """It answers every n-th SYNC; None of what does not answer."""
+    multiplexed: bool = False
+    """It carries several counters in turn, which no `[can]` table can say without a DBC file."""
     time_s: FloatArray = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
     """(n,) times of the frames that were looked at."""
 
@@ -158,7 +178,7 @@ class Scan(Shown):
         ]
         table = self.table()
         if not table:
-            return [*out, message("acquisition.nothing_moves_like_counter")]
+            return out if any(c.multiplexed for c in self.carried) else [*out, message("acquisition.nothing_moves_like_counter")]
         guess = message("acquisition.guess_rig_toml_drum")
         return [*out, "", guess, "", *table]
 
@@ -285,39 +305,75 @@ def _carried(key: tuple[str, int, bool], seen: Seen) -> Carried:
     time_s = np.concatenate([part for _, part in seen.at])
     covered = {b for c in counters for b in range(c.first, c.first + c.size)}
     others = tuple(text for b in range(size) if b not in covered and (text := _movement(b, data[:, b])))
-    return Carried(identifier, extended, bus, seen.count, seen.rate_hz, tuple(sorted(seen.lengths)), counters, others, time_s=time_s)
+    speeds = {one: of for one in counters for of in counters if _is_speed(one, of)}
+    counters = tuple(c for c in counters if c not in speeds)
+    others = (*(message("scan.speed", span=one.span, of=of.span) for one, of in speeds.items()), *others)
+    carried = Carried(identifier, extended, bus, seen.count, seen.rate_hz, tuple(sorted(seen.lengths)), counters, others, time_s=time_s)
+    selector = _selector(data, counters)
+    if selector is None:
+        return carried
+    return replace(carried, counters=(), others=(message("scan.multiplexed", place=selector[0], count=selector[1]),), multiplexed=True)
 
 
 def _counters(data: Bytes) -> tuple[Field, ...]:
-    """Counter-like numbers that do not overlap, at even bytes, as devices align them; of the liveliest bytes first, as wide as can be."""
-    places = ((first, size, order) for first in range(0, data.shape[1] - 1, 2) for size in WIDTHS for order in ("little", "big"))
-    fits = [
-        one for first, size, order in places if first + size <= data.shape[1] if (one := _counter(data, first, size, order)) is not None
-    ]
+    """Find the counter-like numbers that do not overlap: of the liveliest low bytes first, there the smoothest and then the widest.
+
+    A number that lacks its low byte, or takes a neighbour's byte for its own, moves less or jumps more than the right one.
+    """
+    places = [(first, size, order) for first in range(data.shape[1] - 1) for size in WIDTHS for order in ("little", "big")]
+    fits = [f for first, size, order in places if first + size <= data.shape[1] if (f := _counter(data, first, size, order)) is not None]
     found: list[Field] = []
-    for _, taken in sorted(fits, key=lambda fit: (-fit[0], -fit[1].size, fit[1].first)):
-        if all(taken.first >= f.first + f.size or f.first >= taken.first + taken.size for f in found):
-            found.append(taken)
+    for fit in sorted(fits, key=lambda f: (-f.moves, f.low, f.step, -f.size, f.first)):
+        if all(fit.first >= f.first + f.size or f.first >= fit.first + fit.size for f in found):
+            found.append(fit)
     return tuple(sorted(found, key=lambda f: f.first))
 
 
-def _counter(data: Bytes, first: int, size: int, order: str) -> tuple[int, Field] | None:
-    """How often its low byte moves, and the field, where it moves as a counter does: in small steps, not all alike, a byte less often than
-    that below it, and as smoothly as its low byte alone: a byte that does not take what is carried is of another number."""
+def _counter(data: Bytes, first: int, size: int, order: str) -> Field | None:
+    """Return the field, where it moves as a counter does: in small steps, not all alike, over a range of many steps, a byte less often than
+    the one below it, and as smoothly as its low byte alone: a byte that does not take the carry belongs to another number."""
     part = data[:, first : first + size].astype(np.int64)
     part = part if order == "big" else part[:, ::-1]
     moves = (part[1:] != part[:-1]).sum(axis=0)
-    # what stands above the bytes that move is a sign
+    # constant bytes above those that move are a sign
     if moves[-1] == 0 or (np.diff(moves) < 0).any() or not np.isin(part[0, moves == 0], (0x00, 0xFF)).all():
         return None
     span = 256**size
     value: IntArray = np.asarray(part @ 256 ** np.arange(size - 1, -1, -1), np.int64)
     steps, of_low_byte = _steps(value, span), _steps(part[:, -1], 256)
-    rough, least = (int(np.abs(np.diff(one)).max()) for one in (steps, of_low_byte))
+    rough, least = (int(np.abs(one).max()) for one in (np.diff(steps), np.diff(of_low_byte)))
     if np.mean(np.abs(steps) > SMALL * span) > FEW or len(np.unique(steps)) == 1 or rough > 2 * least + 2:
         return None
     whole = value[0] + np.concatenate([[0], np.cumsum(steps)]) - (span if value[0] >= span // 2 else 0)
-    return int(moves[-1]), Field(first, size, order, int(whole.min()), int(whole.max()), int(np.abs(steps).max()), whole)
+    if np.ptp(whole) < MANY * np.mean(np.abs(steps)):
+        return None
+    return Field(first, size, order, int(whole.min()), int(whole.max()), int(np.abs(steps).max()), int(moves[-1]), whole)
+
+
+def _is_speed(one: Field, of: Field) -> bool:
+    """Return whether a number follows the steps of another, summed over `SUMMED` frames, as encoders send their speed beside the count."""
+    n = len(of.values) // SUMMED * SUMMED
+    if n < LEAST * SUMMED or one is of:
+        return False
+    way, mean = np.diff(of.values[:n:SUMMED]), one.values[1 : n - SUMMED + 1].reshape(-1, SUMMED).mean(axis=1)
+    return bool(np.ptp(way) > 0 and np.ptp(mean) > 0 and np.corrcoef(way, mean)[0, 1] > ALIKE)
+
+
+def _selector(data: Bytes, counters: tuple[Field, ...]) -> tuple[int, int] | None:
+    """Return the byte that says which counter a multiplexed frame carries, and how many there are; None where no byte does.
+
+    Frames of one counter hold numbers that all frames together do not have, or have with larger steps.
+    """
+    together = {c.low: c.step for c in counters}
+    for place in range(data.shape[1]):
+        values, each = np.unique(data[:, place], return_counts=True)
+        turns = np.mean(data[1:, place] != data[:-1, place])
+        if not 1 < len(values) <= SELECTED or each.min() < LEAST or turns < 0.5:
+            continue
+        parts = [_counters(np.where(np.arange(data.shape[1]) == place, 0, data[data[:, place] == value])) for value in values]
+        if all(any(c.step < together.get(c.low, np.inf) for c in part) for part in parts):
+            return place, len(values)
+    return None
 
 
 def _steps(value: IntArray, span: int) -> IntArray:
