@@ -120,6 +120,8 @@ ZERO = 0 * STATUS
         ((bytes_of(WAY, "<i4")[:, :3], bytes_of(2 * WAY + 7, "<i4")[:, :3]), [(0, 3, "little"), (3, 3, "little")]),
         ((bytes_of(WAY, "<i4"), ZERO, RANDOM, ZERO), [(0, 4, "little")]),
         ((bytes_of(WAY, ">i4"), bytes_of(np.gradient(WAY), ">i2")), [(0, 4, "big")]),
+        ((bytes_of(6 * np.arange(2000), "<i4"), STATUS), [(0, 4, "little")]),
+        ((bytes_of(np.arange(500, 2500), ">i2"), ZERO, bytes_of(np.arange(2000), "<i2"), ZERO), []),
     ],
 )
 def test_counters_are_found_at_every_byte_and_beside_numbers_that_are_none(

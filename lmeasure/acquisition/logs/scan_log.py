@@ -64,6 +64,11 @@ class Field:
         return self.first if self.order == "little" else self.first + self.size - 1
 
     @property
+    def cyclic(self) -> bool:
+        """Whether it counts the frames, up or down."""
+        return bool(self.step == 1 and abs(self.values[-1] - self.values[0]) == len(self.values) - 1)
+
+    @property
     def span(self) -> str:
         """Its bytes."""
         return f"{self.first}-{self.first + self.size - 1}"
@@ -306,8 +311,10 @@ def _carried(key: tuple[str, int, bool], seen: Seen) -> Carried:
     covered = {b for c in counters for b in range(c.first, c.first + c.size)}
     others = tuple(text for b in range(size) if b not in covered and (text := _movement(b, data[:, b])))
     speeds = {one: of for one in counters for of in counters if _is_speed(one, of)}
-    counters = tuple(c for c in counters if c not in speeds)
-    others = (*(message("scan.speed", span=one.span, of=of.span) for one, of in speeds.items()), *others)
+    cyclic = [c for c in counters if c.cyclic]
+    counters = tuple(c for c in counters if c not in speeds and c not in cyclic)
+    named = [message("scan.frame_counter", span=c.span) for c in cyclic]
+    others = (*named, *(message("scan.speed", span=one.span, of=of.span) for one, of in speeds.items()), *others)
     carried = Carried(identifier, extended, bus, seen.count, seen.rate_hz, tuple(sorted(seen.lengths)), counters, others, time_s=time_s)
     selector = _selector(data, counters)
     if selector is None:
@@ -330,7 +337,7 @@ def _counters(data: Bytes) -> tuple[Field, ...]:
 
 
 def _counter(data: Bytes, first: int, size: int, order: str) -> Field | None:
-    """Return the field, where it moves as a counter does: in small steps, not all alike, over a range of many steps, a byte less often than
+    """Return the field, where it moves as a counter does: in small steps, over a range of many steps, a byte less often than
     the one below it, and as smoothly as its low byte alone: a byte that does not take the carry belongs to another number."""
     part = data[:, first : first + size].astype(np.int64)
     part = part if order == "big" else part[:, ::-1]
@@ -342,7 +349,7 @@ def _counter(data: Bytes, first: int, size: int, order: str) -> Field | None:
     value: IntArray = np.asarray(part @ 256 ** np.arange(size - 1, -1, -1), np.int64)
     steps, of_low_byte = _steps(value, span), _steps(part[:, -1], 256)
     rough, least = (int(np.abs(one).max()) for one in (np.diff(steps), np.diff(of_low_byte)))
-    if np.mean(np.abs(steps) > SMALL * span) > FEW or len(np.unique(steps)) == 1 or rough > 2 * least + 2:
+    if np.mean(np.abs(steps) > SMALL * span) > FEW or rough > 2 * least + 2:
         return None
     whole = value[0] + np.concatenate([[0], np.cumsum(steps)]) - (span if value[0] >= span // 2 else 0)
     if np.ptp(whole) < MANY * np.mean(np.abs(steps)):
