@@ -5,15 +5,13 @@ none of whose points are shared, to a platform of the structure: every isolated 
 they were found. At last the trace test, which asks of what was found whether anything is missing: second differences of the sum over all,
 and the least of those over all but one, as parts of the largest of one assembly (`starts.not_linear`).
 
-    python benchmarks/assembly_counts.py --out benchmarks/results/assembly_counts.md
-    python benchmarks/assembly_counts.py --write         # and lmeasure/linkages/start_systems.npz
+    python benchmarks/assembly_counts.py [--write] [--systems]    # --systems: write lmeasure/linkages/start_systems.npz too
 """
 
-import argparse
 import time
-from pathlib import Path
 
 import numpy as np
+from study import options, show, table
 
 from lmeasure.core import ComplexArray
 from lmeasure.kernels import REACHED, follow_homotopy
@@ -30,38 +28,37 @@ def by_degeneration(general: tuple[ComplexArray, ComplexArray], structure: Struc
     return len(start_systems.distinct(ends[proper]))
 
 
-def trace(structure: Structure, start: tuple[ComplexArray, ComplexArray], rng: np.random.Generator) -> str:
+def trace(structure: Structure, start: tuple[ComplexArray, ComplexArray], rng: np.random.Generator) -> tuple[str, str]:
     """Two columns: of all assemblies, and the least of all but one."""
     off = start_systems.not_linear(structure, *start, rng)
     if off is None:
-        return "no point of one link | "
+        return "no point of one link", ""
     size = np.abs(off).max()
-    return f"{abs(off.sum()) / size:.0e} | {np.abs(off.sum() - off).min() / size:.0e}"
+    return f"{abs(off.sum()) / size:.0e}", f"{np.abs(off.sum() - off).min() / size:.0e}"
 
 
 def main() -> None:
     """Print the table, a line as soon as it is known."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="write the file of start systems")
-    parser.add_argument("--out", type=Path, help="page to write")
+    parser = options(__doc__)
+    parser.add_argument("--systems", action="store_true", help="write the file of start systems")
     asked = parser.parse_args()
     rng = np.random.default_rng(SEED)
     own = start_systems.of_its_own()
     began = time.process_time()
-    if asked.write:
+    if asked.systems:
         start_systems.write([start_systems.grown(structure, rng) for structure in reversed(own)][::-1])
     general = start_systems.start_of(own[-1])
-    page = ["# Complex assemblies of every structure", "", "`benchmarks/assembly_counts.py`", ""]
-    page += ["| structure | of the file | monodromy | from the general platform | trace of all | of all but one |", "|---" * 6 + "|"]
+    rows = []
     for structure in own:
         kept = start_systems.start_of(structure)
         counts = (len(kept[1]), len(start_systems.grown(structure, rng)[1]), by_degeneration(general, structure, rng))
-        page.append(f"| {structure.notation} | {' | '.join(map(str, counts))} | {trace(structure, kept, rng)} |")
-        print(page[-1], flush=True)
+        rows.append([structure.notation, *counts, *trace(structure, kept, rng)])
+        print(*rows[-1], flush=True)
     seconds = time.process_time() - began
-    page += ["", f"{seconds:.0f} s. Of L-222-222 every assembly is an end of one of the sixteen of L-222-2211:ab-ac-bd.", ""]
-    if asked.out:
-        asked.out.write_text("\n".join(page), encoding="utf-8")
+    head = ["structure", "of the file", "monodromy", "from the general platform", "trace of all", "of all but one"]
+    about = f"{seconds:.0f} s. Of L-222-222 every assembly is an end of one of the sixteen of L-222-2211:ab-ac-bd."
+    title = "# Complex assemblies of every structure\n\n`benchmarks/assembly_counts.py`"
+    show(asked, f"{title}\n\n{table(head, rows)}\n\n{about}", "assembly_counts")
 
 
 if __name__ == "__main__":

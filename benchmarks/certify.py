@@ -5,11 +5,10 @@
 A simulated robot runs five poses and a line over and over; the run is written as CSV, reconstructed to Parquet, and certified by the
 command
 in a process of its own, counts, trajectory, PDF, page, copies and digests included. The kernels are compiled before (a first
-certificate of a minute). Beside it: what copying and hashing the same files takes alone, since no certificate can be faster. --write
-keeps the table in results/certify.md; --profile prints where the time goes.
+certificate of a minute). Beside it: what copying and hashing the same files takes alone, since no certificate can be faster.
+--profile prints where the time goes.
 """
 
-import argparse
 import cProfile
 import hashlib
 import os
@@ -24,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 import tomli_w
+from study import options, show, table
 
 from lmeasure.certificate import Inputs
 from lmeasure.iso9283 import CertificationSettings
@@ -32,7 +32,6 @@ from lmeasure.report import Choices, write_certificate
 from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
 from lmeasure.trajectory import reconstruct_stream
 
-RESULTS = Path(__file__).parent / "results" / "certify.md"
 RATE_HZ, DWELL_S, SPEED_MM_S = 1000.0, 1.0, 300.0
 PLACES = {"P1": (0.0, 0.0, 0.0), "P2": (150.0, 150.0, -150.0), "P3": (150.0, -150.0, -150.0), "P4": (-150.0, -150.0, 150.0),
           "P5": (-150.0, 150.0, 150.0)}  # fmt: skip
@@ -102,8 +101,7 @@ def copy_and_hash(folder: Path) -> tuple[float, int]:
 
 def main() -> None:
     """Measure, print, and keep the table when asked."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--write", action="store_true")
+    parser = options(__doc__)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--profile", action="store_true")
     given = parser.parse_args()
@@ -122,11 +120,6 @@ def main() -> None:
         verify = time.perf_counter()
         subprocess.run([sys.executable, "-m", "lmeasure", "verify", "certificate"], check=True, capture_output=True, cwd=large)
         verify = time.perf_counter() - verify
-        print_rows(samples, total, bare, wall, verify, first, write=given.write)
-
-
-def print_rows(samples: int, total: int, bare: float, wall: float, verify: float, first: float, *, write: bool) -> None:
-    """The table."""
     rows = [
         ("samples", f"{samples}"),
         ("bytes of counts and trajectory", f"{total / 1e6:.0f} MB"),
@@ -136,12 +129,9 @@ def print_rows(samples: int, total: int, bare: float, wall: float, verify: float
         ("`lmeasure verify` of the folder, wall", f"{verify:.1f} s"),
         ("certify of one minute before, kernels perhaps not compiled", f"{first:.1f} s"),
     ]
-    table = "\n".join(f"| {name} | {value} |" for name, value in rows)
-    print(table)
-    if write:
-        machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
-        reported = "Written by `benchmarks/certify.py --write`; see there for what is measured."
-        RESULTS.write_text(f"# Speed of a certificate\n\n{reported} Machine: {machine}.\n\n| | |\n|---|---|\n{table}\n", encoding="utf-8")
+    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    head = f"# Speed of a certificate\n\n`python benchmarks/certify.py --minutes {given.minutes:g} --write`. Machine: {machine}."
+    show(given, f"{head}\n\n{table(['', ''], rows)}", "certify")
 
 
 if __name__ == "__main__":

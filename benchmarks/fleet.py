@@ -8,7 +8,6 @@ that, over the number of runs. Then workers are killed at random moments, and ne
 bytes. Times are wall times, medians of the repeats: a machine that does other things makes them long.
 """
 
-import argparse
 import hashlib
 import os
 import random
@@ -27,12 +26,12 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "helpers"))
 
 from cluster import two_workers, worker
+from study import options, show, table
 
 from lmeasure.recording import write_run
 from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
 from lmeasure.workflows import load
 
-RESULTS = Path(__file__).parent / "results" / "fleet.md"
 HOME = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 
@@ -98,12 +97,11 @@ def with_kills(folder: Path, store: Path, kills: int, seconds: float) -> tuple[i
 
 def main() -> None:
     """Run the parts and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__)
     parser.add_argument("--runs", type=int, default=1000)
     parser.add_argument("--samples", type=int, default=10_000)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--kills", type=int, default=20)
-    parser.add_argument("--write", action="store_true", help=f"write {RESULTS.name}")
     asked = parser.parse_args()
     rows = []
     with tempfile.TemporaryDirectory() as scratch:
@@ -132,13 +130,9 @@ def main() -> None:
             killed, took = with_kills(here / "runs", here / "killed", asked.kills, statistics.median(two))
             same = digests(here / "killed") == digests(here / "one0")
             rows.append((f"batch with {killed} workers killed", f"{took:.1f} s, {'the same' if same else 'OTHER'} bytes"))
-    table = "\n".join(["| what | result |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows), ""])
     command = f"python benchmarks/fleet.py --runs {asked.runs} --samples {asked.samples} --repeats {asked.repeats} --kills {asked.kills}"
     size = f"{asked.runs} runs of {asked.samples} samples, {os.cpu_count()} processors, medians of {asked.repeats}"
-    text = f"# A batch of runs\n\n`{command}`: {size}.\n\n{table}"
-    print(text)
-    if asked.write:
-        RESULTS.write_text(text, encoding="utf-8")
+    show(asked, f"# A batch of runs\n\n`{command}`: {size}.\n\n{table(['what', 'result'], rows)}", "fleet")
 
 
 if __name__ == "__main__":

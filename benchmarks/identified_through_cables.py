@@ -1,7 +1,6 @@
-"""Robots measured through a cable cell: whether what `identify` states of them holds, and frames over many draws.
+"""Robots measured through a cable cell: whether what `identify` states of them holds.
 
-    python benchmarks/identified_through_cables.py --parts frames --runs 2000 --keep FILE
-    python benchmarks/identified_through_cables.py --parts robots --runs 200 [--kinds NAME ...] [--built False] --keep FILE --write
+    python benchmarks/identified_through_cables.py --robots 200 [--kinds NAME ...] [--built False] --keep FILE --write
 
 Each robot has normal errors of 0.3 mm and 0.5 mrad in every parameter of its links (0.3 mm in every point and offset of the hexapod;
 of mechanisms in every value of their legs) and repeats to 0.02 mm in each coordinate. The cell is the six-cable rig of
@@ -23,17 +22,13 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-import scipy.optimize
-import scipy.stats
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
-from study import Asked, Study, percent, table, two_sided
+from study import Study, percent, table, two_sided
 
 from lmeasure.core import se3
 from lmeasure.kernels import span_lengths
-from lmeasure.recording import poses_from_rows
 from lmeasure.rig import read_rig
-from lmeasure.robots import Measurements, Settings, any_shipped, checked, frames, identify, predict
+from lmeasure.robots import Measurements, Settings, any_shipped, checked, identify, predict
 from lmeasure.robots.identification.measurements import measured
 from lmeasure.robots.identification.observability import determined_parameters
 from lmeasure.robots.model import Limits
@@ -185,98 +180,12 @@ def robots(found: list[dict[str, Any]]) -> str:
     return table([*head, "predictions within u95, %", "one of each robot: %", "two-sided p"], rows)
 
 
-def linear_square(base: FloatArray, flange: FloatArray, tool: FloatArray, noise: FloatArray, u: FloatArray) -> float:
-    """The squared distance of a least squares of the exactly linear model with the same errors noise (N, 6), in its own covariance: that
-    of their part along the derivatives at the true frames."""
-    n = len(flange)
-    there = se3.compose(se3.compose(np.tile(base, (n, 1)), flange), np.tile(tool, (n, 1)))
-    columns = []
-    for k in range(12):
-        h = np.zeros(12)
-        h[k] = 1e-6 if k % 6 < 3 else 1e-3
-        ends = []
-        for x in (h, -h):
-            y, z = (np.tile(se3.displaced(a, part), (n, 1)) for a, part in ((base, x[:6]), (tool, x[6:])))
-            ends.append((se3.displacement(se3.compose(se3.compose(y, flange), z), there) / u).reshape(-1))
-        columns.append((ends[0] - ends[1]) / np.abs(ends[0] - ends[1]).max())
-    Q, _ = np.linalg.qr(np.column_stack(columns))
-    return float(((Q.T @ noise.reshape(-1)) ** 2).sum())
-
-
-def frame(seed: int) -> dict[str, Any]:
-    """Return, for base and tool of 12 poses, the squared distance of the truth in its own covariance, and that of an exactly linear model
-    with the same errors; with 0.05 mm and 0.2 mrad stated, and with nothing stated; and the cost beside SciPy's, of a few."""
-    u, rng = np.repeat([2e-4, 0.05], 3), np.random.default_rng([SEED, 9, seed])
-    base, tool = (se3.pose(rng.uniform(-s, s, 3), Rotation.random(rng=rng)) for s in (1500.0, 150.0))
-    flange = se3.pose(rng.uniform(-600, 600, (12, 3)), Rotation.random(12, rng=rng))
-    there = se3.compose(se3.compose(np.tile(base, (12, 1)), flange), np.tile(tool, (12, 1)))
-    noise = rng.normal(size=(12, 6))
-    seen = se3.displaced(there, u * noise)
-    found = frames(poses_from_rows(flange), poses_from_rows(seen).with_uncertainty(0.05, 2e-4))
-    untold = frames(poses_from_rows(flange), poses_from_rows(seen))
-    hotelling = off_square(untold, base, tool) <= 12.0 * scipy.stats.f.ppf(0.95, 12, untold.fit.freedom)
-    out = {"square": off_square(found, base, tool), "linear": linear_square(base, flange, tool, noise, u), "hotelling": bool(hotelling)}
-    if seed >= 20:
-        return out
-
-    def cost(x: FloatArray) -> FloatArray:
-        y, z = (se3.displaced(a[None], part[None])[0] for a, part in ((found.state.base, x[:6]), (found.state.targets[0], x[6:])))
-        at = se3.compose(se3.compose(np.tile(y, (12, 1)), flange), np.tile(z, (12, 1)))
-        return np.asarray((se3.displacement(seen, at) / u).reshape(-1))
-
-    other = scipy.optimize.least_squares(cost, 1e-4 * rng.normal(size=12), x_scale=np.tile(u, 2), xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    return out | {"cost": (found.fit.chi2 - 2.0 * other.cost) / (2.0 * other.cost)}
-
-
-def frame_table(found: list[dict[str, Any]]) -> str:
-    """Return the table of frames."""
-    square, linear = (np.array([f[key] for f in found]) for key in ("square", "linear"))
-    outcomes = [v <= scipy.stats.chi2.ppf(0.95, 12) for v in (square, linear)] + [[f["hotelling"] for f in found]]
-    own, exact, untold = ((percent(v, 2), f"{two_sided(v):.2g}") for v in outcomes)
-    worst = max((f["cost"] for f in found if "cost" in f), key=abs, default=np.nan)
-    head = [
-        "draws",
-        "truth within the joint 95 % region, %",
-        "two-sided p",
-        "of the exactly linear model with the same errors, %",
-        "two-sided p",
-    ]
-    head += ["its squared distance minus ours, relative, at most", "nothing stated, Hotelling's region, %", "two-sided p"]
-    head += ["chi-squared minus SciPy's, relative, worst of 20"]
-    return table(head, [[len(found), *own, *exact, f"{np.abs(square / linear - 1.0).max():.0e}", *untold, f"{worst:.1e}"]])
-
-
-def off_square(found: Any, base: FloatArray, tool: FloatArray) -> float:
-    """The squared distance of the truth from the frames found, in the covariance stated of them."""
-    state, fit = found.state, found.fit
-    off = np.concatenate([se3.displacement(a, b) for a, b in ((base, state.base), (tool, state.targets[0]))])
-    off /= fit.problem.unknowns.size
-    return float(off @ np.linalg.solve(fit.covariance, off))
-
-
-def draw(seed: int, part: str, built: bool, kind: str) -> dict[str, Any]:
-    """Return the record of one part of the study."""
-    return {"part": part} | (frame(seed) if part == "frames" else robot(seed, built, kind))
-
-
-def cases(asked: Asked, seed: int) -> list[tuple[str, bool, str]]:
-    """Return one draw of frames a seed, and every kind of robot."""
-    robots = [("robots", built, kind) for built in asked.built for kind in asked.kinds] if "robots" in asked.parts else []
-    return [("frames", False, "")] * ("frames" in asked.parts) + robots
-
-
 def page(found: list[dict[str, Any]]) -> str:
     """Return the page of results."""
-    parts = {"Frames": ("frames", frame_table), "Robots": ("robots", robots)}
-    own = {title: (of, [f for f in found if f["part"] == name]) for title, (name, of) in parts.items()}
-    text = "".join(f"\n## {title}\n\n{of(records)}\n" for title, (of, records) in own.items() if records)
-    return f"# Robots and frames identified through cables\n\n`python benchmarks/identified_through_cables.py`, seed {SEED}.\n{text}"
+    return f"# Robots identified through cables\n\n`python benchmarks/{STUDY.name}.py`, seed {SEED}.\n\n{robots(found)}"
 
 
-STUDY = Study(
-    "identified_through_cables", draw, page, "robots", 200,
-    {"parts": ("frames", "robots"), "built": (False, True), "kinds": KINDS}, "{parts} {built} {kinds} {seed}", cases,
-)  # fmt: skip
+STUDY = Study("identified_through_cables", robot, page, "robots", 200, {"built": (False, True), "kinds": KINDS})
 
 if __name__ == "__main__":
     sys.exit(STUDY.command(__doc__))

@@ -12,20 +12,52 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.stats
-from encoder_calibration_coverage import HOME, drawn_campaign, true_rig
 from scipy.spatial.transform import Rotation
 from study import Asked, Study
 
-from lmeasure.calibration import calibrate
+from lmeasure.calibration import Campaign, calibrate, unknowns_of
 from lmeasure.core import se3
 from lmeasure.procedures import Checked, Limits, check_instrument
-from lmeasure.rig import Rig, value_of, with_values
-from lmeasure.simulation import Leg, simulate_run, smooth_path
+from lmeasure.recording import Poses
+from lmeasure.rig import Rig, rig_from_dict, value_of, with_values
+from lmeasure.sensors import counts_from_poses, drawn_phases, recorded_from_counts
+from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
 
+HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 ALARM = 0.05
 ROBOT_MM = 0.01
 POSES, U_MM = 24, 0.02
 SIZES = (0.2, 0.5, 1.0)
+
+
+def true_rig(seed: int) -> Rig:
+    """A cell with an encoder on every pulley."""
+    data, rng = cell_rig(seed % 7 + 1).to_dict(), np.random.default_rng([seed, 2])
+    data["swivel"] = [
+        {
+            "point": f"B{i}",
+            "channel": f"sw{i}",
+            "counts_per_revolution": 2**17,
+            "zero_deg": float(rng.uniform(-180, 180)),
+            "u_zero_deg": 2.0,
+        }
+        for i in range(1, 7)
+    ]
+    return rig_from_dict(data)
+
+
+def drawn_campaign(true: Rig, rng: np.random.Generator, poses: int, u_mm: float) -> tuple[Campaign, np.ndarray]:
+    """What is counted at poses that are known to u_mm, with a nominal rig, and the true poses."""
+    rows = np.column_stack([rng.uniform(-300, 300, (poses, 3)), Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (poses, 3))).as_quat()])
+    counts = counts_from_poses(true, rows, rows[0], true.observed)
+    counts = recorded_from_counts(true, counts, true.observed, drawn_phases(true, rng, true.observed))
+    stated = rows.copy()
+    stated[:, :3] += rng.normal(0, u_mm, (poses, 3))
+    reference = Poses(tuple(map(str, range(poses))), stated, np.full(poses, u_mm), np.zeros(poses))
+    campaign = Campaign(true, reference, true.observed, counts, np.zeros(len(true.observed), np.int64))
+    unknowns = unknowns_of(campaign, ("position", "guide"))
+    off = unknowns.nominal + rng.normal(size=len(unknowns.names)) * unknowns.width / 3.0
+    return replace(campaign, rig=with_values(true, dict(zip(unknowns.names, off.tolist(), strict=True)))), rows
 
 
 def checked(seed: int, change: Callable[[Rig, np.random.Generator], Rig]) -> Checked:

@@ -1,18 +1,18 @@
 """Forward problems of the documents' mechanisms, side by side with what a user would write: SciPy's root finder on the distances.
 
-    python benchmarks/mechanisms.py
+    python benchmarks/mechanisms.py [--write]
 
 Each built-in robot finds random poses again from their drives, twice: by Newton's method from home, as SciPy does, and along the way there
-from home, as `identify` and `simulate` do, which no other assembly can be taken for. Writes benchmarks/results/mechanisms.md.
+from home, as `identify` and `simulate` do, which no other assembly can be taken for.
 """
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
+from study import options, show, table
 
 from lmeasure.core import BoolArray, FloatArray, se3
 from lmeasure.robots import any_shipped, checked
@@ -22,7 +22,6 @@ from lmeasure.robots.parallel.model import EQUATIONS, Parallel
 POSES, SLOW, ROUNDS = 5000, 60, 3
 PART, REACH_RAD = 0.05, 0.3
 ROBOTS = ("rotopod", "four-chains", "four-chains-arms", "crank-platform", "logos", "seven-link", "three-prr")
-RESULTS = Path(__file__).parent / "results" / "mechanisms.md"
 
 
 def generic_robot(robot: Parallel, drives: FloatArray) -> FloatArray:
@@ -74,17 +73,7 @@ def seconds(work: Callable[[], object]) -> float:
 
 
 def main() -> None:
-    rng = np.random.default_rng(0)
-    lines = [
-        "# Forward problems of mechanisms",
-        "",
-        "`python benchmarks/mechanisms.py`: poses/s on one core, medians; SciPy is `root` per pose, derivatives by differences.",
-        "",
-        "The robots that come along: from home as SciPy goes, and along the way there.",
-        "",
-        "| robot | from home | along the way | SciPy | times, from home | times, along the way | largest difference |",
-        "|---" * 7 + "|",
-    ]
+    asked, rng, rows = options(__doc__).parse_args(), np.random.default_rng(0), []
     for name in ROBOTS:
         robot = any_shipped(name).model
         assert isinstance(robot, Parallel)
@@ -98,9 +87,12 @@ def main() -> None:
         again, along = generic_robot(robot, drives[:SLOW]), robot.forward(drives[:SLOW])
         size = np.array([robot.size_mm] * 3 + [1.0] * 3)
         away = max(float(np.abs(se3.displacement(poses[:SLOW], p) * size).max()) for p in (again, along))
-        lines.append(f"| {name} | {near:,.0f} | {way:,.0f} | {other:,.0f} | {near / other:,.0f} | {way / other:,.0f} | {away:.0e} mm |")
-        print(lines[-1], flush=True)
-    RESULTS.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        speeds = (f"{one:,.0f}" for one in (near, way, other, near / other, way / other))
+        rows.append([name, *speeds, f"{away:.0e} mm"])
+        print(*rows[-1], flush=True)
+    head = ["robot", "from home", "along the way", "SciPy", "times, from home", "times, along the way", "largest difference"]
+    about = "poses/s on one core, medians; SciPy is `root` per pose from home, derivatives by differences"
+    show(asked, f"# Forward problems of mechanisms\n\n`python benchmarks/mechanisms.py`: {about}.\n\n{table(head, rows)}", "mechanisms")
 
 
 if __name__ == "__main__":

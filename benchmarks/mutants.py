@@ -95,7 +95,6 @@ def written(sections: dict[str, str]) -> str:
     head = "# Faults in the core, and whether tests see them\n\nMade by `python benchmarks/mutants.py`, which says what a fault is.\n"
     head += "The `strict=True` of a `zip` is left as it is, with the reason in `mutations.py`; older sections still count it.\n"
     total = f"\n**{dead} of {reported} killed ({100 * dead / max(reported, 1):.1f} %), equivalent ones apart.** "
-    total += "Tests were written for what survived: untried faults are in [mutants_unseen.md](mutants_unseen.md).\n"
     return head + total + "".join("\n" + sections[file] for file in CORE if file in sections)
 
 

@@ -6,7 +6,6 @@ the recorder and the browser. It prints how they are at first, in the middle and
 the recorder lost anything.
 """
 
-import argparse
 import json
 import sys
 import tempfile
@@ -23,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from bench import served_apart, token, until  # noqa: E402
 from browser import Page, opened  # noqa: E402
 from clicks import entered  # noqa: E402
+from study import options, show, table  # noqa: E402
 
 from lmeasure.recording import read_counts  # noqa: E402
 from lmeasure.rig import write_rig  # noqa: E402
@@ -107,7 +107,7 @@ def measure(folder: Path, minutes: float, rate_hz: float, kept: Path | None = No
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--rate", type=float, default=1000.0)
     parser.add_argument("--kept", type=Path, help="a .csv that the table is written to while it grows")
@@ -115,17 +115,19 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         reported = measure(Path(name), asked.minutes, asked.rate, asked.kept)
     rows, last = reported["rows"], reported["last"]
-    print(
-        f"{reported['samples']} samples in {reported['seconds']:.0f} s "
-        f"({reported['samples'] / reported['seconds']:.0f}/s of {asked.rate:g} asked)"
-    )
-    print(f"frames lost {last['lost']}, samples with an empty cell {reported['gaps']}, faults {last['faults'] or 'none'}")
-    print(f"frame to screen: median {np.nanmedian(rows[:, 1]):.0f} ms, largest median {np.nanmax(rows[:, 1]):.0f} ms")
-    half = rows[len(rows) // 2 :]
+    seconds = reported["seconds"]
+    lines = [
+        f"# The workbench's live page, {asked.minutes:g} minutes at {asked.rate:g} Hz",
+        f"{reported['samples']} samples in {seconds:.0f} s ({reported['samples'] / seconds:.0f}/s). Frames lost: {last['lost']}, samples with "
+        f"an empty cell: {reported['gaps']}, faults: {last['faults'] or 'none'}.",
+        f"Frame to screen: median {np.nanmedian(rows[:, 1]):.0f} ms, largest median {np.nanmax(rows[:, 1]):.0f} ms.",
+    ]
+    half, memory = rows[len(rows) // 2 :], []
     for j, what in enumerate(("server", "recorder", "browser", "scripts of the page"), 2):
         slope = np.polyfit(half[:, 0], half[:, j], 1)[0] * 3600.0 if len(half) > 2 else np.nan
-        at = " ".join(f"{rows[i, j]:8.1f}" for i in (0, len(rows) // 2, -1))
-        print(f"{what:20s} {at} MB at first, in the middle, in the end; {slope:+8.2f} MB/h over the second half")
+        memory.append([what, *(f"{rows[i, j]:.1f}" for i in (0, len(rows) // 2, -1)), f"{slope:+.2f}"])
+    head = ["memory [MB]", "at first", "in the middle", "in the end", "change over the second half, a straight line [MB/h]"]
+    show(asked, "\n\n".join([*lines, table(head, memory)]), "workbench_live")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A few seconds of benchmarks/fuzz_logs.py: no mutated log loses a line or an object without a word."""
+"""No mutated log loses a line or an object without a word."""
 
 from collections import Counter
 from pathlib import Path

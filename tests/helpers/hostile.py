@@ -1,4 +1,4 @@
-"""Files and requests that were made to do harm: what tests of the workbench and `benchmarks/workbench_attacks.py` send it."""
+"""Files and requests that were made to do harm: what tests of the workbench send it."""
 
 import io
 import os
