@@ -118,8 +118,8 @@ def main() -> None:
     seconds = reported["seconds"]
     lines = [
         f"# The workbench's live page, {asked.minutes:g} minutes at {asked.rate:g} Hz",
-        f"{reported['samples']} samples in {seconds:.0f} s ({reported['samples'] / seconds:.0f}/s). Frames lost: {last['lost']}, samples with "
-        f"an empty cell: {reported['gaps']}, faults: {last['faults'] or 'none'}.",
+        f"{reported['samples']} samples in {seconds:.0f} s ({reported['samples'] / seconds:.0f} a second). Frames lost: {last['lost']}, "
+        f"samples with an empty cell: {reported['gaps']}, faults: {last['faults'] or 'none'}.",
         f"Frame to screen: median {np.nanmedian(rows[:, 1]):.0f} ms, largest median {np.nanmax(rows[:, 1]):.0f} ms.",
     ]
     half, memory = rows[len(rows) // 2 :], []
