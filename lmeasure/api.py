@@ -1,7 +1,6 @@
 """The stages of the pipeline for scripts: each takes files or objects, settings as an object or by keywords, and gives an object.
 
-Nothing is written but what is asked for by name; commands, with their pages and the rule for what they may write over, are
-`lmeasure.workflows.registry`.
+They write only the files that you name. Commands, with their pages and the rule against overwriting, are in `lmeasure.workflows.registry`.
 """
 
 import math
@@ -775,7 +774,7 @@ def _linked(rig: "Rig | Calibration | File") -> tuple[Rig, CalibrationRecord | N
 
 
 def _run(run: "Run | Alignment | SimulatedRun | Simulated | File", rig: "Rig | Calibration | File | None") -> Any:
-    """A run, that of a simulation, or what was aligned of one; with the rig in place of its own, if one is given."""
+    """Return a run, a simulation's or an alignment's too, with the given rig in place of its own."""
     from lmeasure.simulation import Simulated, SimulatedRun
     from lmeasure.trajectory import Alignment
 
@@ -806,7 +805,7 @@ def _wrong(name: str, given: object, wanted: str) -> TypeError:
 
 
 def _there(part: Given | None, key: str) -> Given:
-    """A part of what was simulated."""
+    """Return a part of a simulation."""
     if part is None:
         raise LMeasureError(message("error.the_scenario_states_no", key=key))
     return part
@@ -817,7 +816,7 @@ def _read(given: Given | File, read: Callable[[Path], Given]) -> Given:
 
 
 def _written(path: Path, given: Given | File, write: Callable[[Path, Given], None]) -> Path:
-    """The path of what is in a file, or of the file that an object is written to."""
+    """Return the path of the file of an object, which is written if it is no path."""
     if isinstance(given, Path | str):
         return Path(given)
     write(path, given)

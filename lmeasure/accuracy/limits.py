@@ -50,7 +50,7 @@ REASONS = (
     "cable_cannot_run", "singular", "pressure_angle", "cable_too_short", "cable_too_long", "u95_position", "u95_rotation", "u95_attachment",
     "wrap", "clearance", "other_assembly", "near_singular",
 )  # fmt: skip
-"""Why a node is not in the zone, in the order of the bits of `rejected_because`."""
+"""Reasons why a node is not in the zone, in the order of the bits of `rejected_because`."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ class Limits:
 
     angle_deg: pressure-angle analogue; length_mm: shortest and longest cable, B to attachment point; u95_mm, u95_rotation_deg,
     u95_attachment_mm: 95 % radii of the tool origin, the rotation vector and the worst attachment point; wrap_deg: largest wrapped angle;
-    clearance_mm: least distance between cables and from cable to body; one_assembly: the determinant of six
-    cables keeps its sign (what more determine is not parted by singular poses); singularity: least `singularity_distance`.
+    clearance_mm: least distance between cables and from cable to body; one_assembly: the determinant of six cables keeps its sign (more
+    cables have no singular surface between their assemblies); singularity: least `singularity_distance`.
     """
 
     angle_deg: float = 60.0
@@ -85,7 +85,7 @@ class Limits:
 
     @property
     def needs_all(self) -> bool:
-        """Whether the radii of rotation and attachment points are asked for."""
+        """Return whether the limits need the radii of rotation and attachment points."""
         return self.u95_rotation_deg is not None or self.u95_attachment_mm is not None
 
 

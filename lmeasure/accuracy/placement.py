@@ -1,4 +1,4 @@
-"""Where to put the observation and attachment points, so that the instrument can be believed where the robot works."""
+"""Search for the positions of observation and attachment points that measure best where the robot works."""
 
 import itertools
 import math
@@ -102,7 +102,7 @@ def read_placement(path: Path) -> Placement:
 
 @dataclass(frozen=True, repr=False)
 class Placed(Shown):
-    """A search's result: the rig, the worst figures at the task before and after, what a millimetre at each coordinate does.
+    """Result of a search: the rig, the worst figures at the task before and after, the sensitivity to a millimetre at each coordinate.
 
     before, after: worst_pressure_angle_deg, u95_position_mm, robust_pressure_angle_deg (the worst within the mounting tolerance),
     shortest_cable_mm, longest_cable_mm; sensitivity: per point the change of the worst angle [deg] by one millimetre along x, y, z.
@@ -137,7 +137,7 @@ class Placed(Shown):
 
 
 class Search:
-    """Rigs as vectors of the free coordinates, and what they are worth at the task."""
+    """Search over the free coordinates of rigs, and the figures of each rig at the task."""
 
     def __init__(self, rig: Rig, wanted: Placement) -> None:
         if not rig.sensors:
@@ -222,7 +222,7 @@ class Search:
         return self.value(figures) + BROKEN_PER_MM * self.broken(x, figures[:, 2], figures[:, 3])
 
     def value(self, figures: FloatArray) -> FloatArray:
-        """(n,) objective of figures (n, 4), whatever rules are broken."""
+        """Return the (n,) objective of figures (n, 4), without the penalty for broken rules."""
         speed2, u95 = figures[:, 0], figures[:, 1]
         return np.asarray(np.arccos(1.0 / np.sqrt(speed2)) if self.wanted.objective == "pressure_angle" else np.log(np.minimum(u95, 1e9)))
 
@@ -260,7 +260,7 @@ def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None 
     """Search the free points for the best worst figure at the task.
 
     Rounds of differential evolution from the best of a Sobol sample (the present rig among the first) over the boxes, each until its
-    population agrees or the generations are used up; the best of them go on by Powell's directions, on the worst within the mounting
+    population agrees or the generations are used up; the best of them continue with Powell's directions, on the worst within the mounting
     tolerance. The same seed gives the same result. AccuracyError when no candidate keeps the rules.
     """
     search = Search(rig, wanted)
@@ -362,7 +362,7 @@ def _rig_at(search: Search, x: FloatArray) -> Rig:
 
 
 def placement_record(placed: Placed, seed: int) -> dict[str, Any]:
-    """Return what placement.json holds."""
+    """Return the content of placement.json."""
     return {
         "schema": SCHEMA,
         "seed": seed,

@@ -44,10 +44,10 @@ class Part:
 def guard(
     rig: Rig, calibration: CalibrationRecord | None, zone: "xr.Dataset", program: Program, *, rotation: Rotation, step_mm: float = STEP_MM
 ) -> list[Part]:
-    """Each pose and path of the program against a scanned zone of the same rig.
+    """Compare each pose and path of the program with a scanned zone of the same rig.
 
     Poses and paths have the orientations the program states; a path without one is taken with `rotation`. The distance to the edge is that
-    of the zone's nodes, at all the orientations it was scanned with: no finer than its grid. Raises what `scan_zone` does.
+    of the zone's nodes, at all the orientations it was scanned with: no finer than its grid. Raises the errors of `scan_zone`.
     """
     places = [
         (f"pose {p.name}", np.array([p.position_mm], dtype=np.float64), Rotation.from_quat([p.quaternion_xyzw])) for p in program.pose
@@ -106,7 +106,7 @@ ROUNDS = 12  # in which the rotation along a path that is led around settles
 
 @dataclass(frozen=True)
 class Led:
-    """A path held against the limits: commanded and led points (n, 3) [mm], the same where it keeps them; left: why it was not led."""
+    """Result of a path: commanded and led points (n, 3) [mm], equal if it keeps the limits; left: the reason why it was not led."""
 
     name: str
     commanded: FloatArray
@@ -120,7 +120,6 @@ class Led:
 
     @property
     def changed(self) -> bool:
-        """Whether it was led around anything."""
         return bool(self.deviation_mm.max() > 0.0)
 
     def line(self) -> str:
@@ -133,12 +132,12 @@ class Led:
 
 
 def corrected(kept_at: Callable[[FloatArray], Kept | None], program: Program, rotation: Rotation) -> tuple[Program, list[Led]]:
-    """Return the program with every path within the limits of a rig or a mechanism, and what was done with each path.
+    """Return the program with every path within the limits of a rig or a mechanism, and the change of each path.
 
     A path that leaves them becomes one of points; its ends, orientations, speed and cycles stay. It keeps the limits between its points.
     kept_at: of a pose (7,), the limits in its assembly mode, None where it does not keep them (`within`). rotation: of paths that state
-    none. The assembly is that of the first commanded place that keeps the limits. Left as they are and named: paths that weave, and those
-    with an end beyond a limit. AccuracyError where no place keeps the limits.
+    none. The assembly is that of the first commanded pose that keeps the limits. Unchanged and named: paths that weave, and those with an
+    end beyond a limit. AccuracyError if no pose keeps the limits.
     """
     places = [np.array([*p.position_mm, *p.quaternion_xyzw], dtype=np.float64) for p in program.pose]
     places += [pose for path in program.path for pose in _poses(path, path.points(STEP_MM), rotation)]
@@ -204,7 +203,7 @@ def _led(kept: Kept, path: CommandedPath, rotation: Rotation) -> Led:
 
 
 def _keeps(kept: Kept, poses: FloatArray) -> bool:
-    """Whether a path through poses (n, 7) keeps the limits, halfway between them too."""
+    """Return whether a path through poses (n, 7) keeps the limits, halfway between them too."""
     half = se3.displaced(poses[:-1], 0.5 * se3.displacement(poses[1:], poses[:-1]))
     with np.errstate(invalid="ignore"):
         return bool((kept.values(np.concatenate([poses, half])) >= MARGIN - SETTLED).all())

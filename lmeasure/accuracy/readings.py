@@ -1,14 +1,14 @@
-"""Information of readings of every kind, drums with cables, swivels and inclinations, about a pose in a cell, and faults of theirs would
-show.
+"""Information of readings of every kind, drums with cables, swivels and inclinations, about a pose in a cell, and the faults that they
+would show.
 
-With A the readings' rows at a pose, and V the covariance of what single readings cannot be distinguished from, counts, where within a
-count each counter was zeroed and where each encoder has its zero, the pose is that of
+With A the readings' rows at a pose, and V the covariance of the errors of single readings: counts, the sub-count offset at zeroing and the
+zero of each encoder, the pose is that of
 
     G = (A^T V^-1 A)^-1 A^T V^-1,    of covariance (A^T V^-1 A)^-1 + (G L)(G L)^T,
 
-L being errors of the readings by all else: calibration, dimensions, drums that run out. So a run weighs its readings, whose origins it then
-tells better than a single pose does (`trajectory.origin.origins`). With S = V + L L^T the contradictions of the readings weigh
-W = S^-1 - S^-1 A (A^T S^-1 A)^-1 A^T S^-1, from which their reliability follows (`trajectory.faults.redundancy`).
+with L the errors of the readings from all else: calibration, dimensions, run-out of drums. A run weighs its readings in this way, and
+determines their origins better than a single pose (`trajectory.origin.origins`). With S = V + L L^T the contradictions of the readings
+weigh W = S^-1 - S^-1 A (A^T S^-1 A)^-1 A^T S^-1, from which their reliability follows (`trajectory.faults.redundancy`).
 """
 
 from dataclasses import dataclass, fields, replace
@@ -84,11 +84,11 @@ class Readings:
         return np.asarray(self.rows[:, kernels.KIND] > kernels.CABLE)
 
     def arrays(self) -> dict[str, FloatArray]:
-        """By name, for a digest."""
+        """Return the arrays by name, for a digest."""
         return {f"channels.{f.name}": np.asarray(getattr(self, f.name)) for f in fields(self)}
 
     def copied(self) -> "Readings":
-        """With arrays of its own."""
+        """Return a copy with arrays of its own."""
         own: dict[str, Any] = {f.name: value.copy() for f in fields(self) if isinstance(value := getattr(self, f.name), np.ndarray)}
         return replace(self, **own)
 
@@ -175,8 +175,9 @@ def determined(readings: Readings, poses: FloatArray) -> Determined:
 
 
 def faults_at(readings: Readings, found: Determined) -> tuple[Faults, FloatArray]:
-    """What faults the readings would show at the k known poses of what they tell, and the effect (k, M) on the tool's place [mm] of one
-    that is just not found."""
+    """Return the faults that the readings would show at k known poses, and the effect (k, M) on the tool position [mm] of one just not
+    found.
+    """
     m = len(readings.rows)
     S = readings.V + np.diag(readings.drums) + found.L @ np.swapaxes(found.L, 1, 2)
     # angles and lengths as multiples of what they scatter by

@@ -42,8 +42,9 @@ def digest_of(arrays: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Plan:
-    """What to scan, as arrays; see `kernels.zone.scan` for cables ... bodies. positions (n, 3) [mm]; quaternions (k, 4); order (m,): the
-    cables as the lanes take them, of six the first three being inverted first; nodes_per_chunk: how the positions are cut."""
+    """Scanned poses, as arrays; see `kernels.zone.scan` for cables ... bodies. positions (n, 3) [mm]; quaternions (k, 4); order (m,): the
+    order of cables in the lanes; for six cables the first three are inverted first; nodes_per_chunk: the size of a chunk.
+    """
 
     cables: FloatArray
     positions: FloatArray
@@ -62,7 +63,7 @@ class Plan:
 
     @property
     def six(self) -> bool:
-        """Whether it is six cables and nothing else that tell the pose: then singular poses part the assemblies."""
+        """Return whether six cables alone determine the pose; then singular poses separate the assembly modes."""
         return self.channels is None and len(self.cables) == kernels.CABLES
 
     @property
@@ -138,7 +139,7 @@ def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntAr
 
 
 def _linked(plan: Plan, order: IntArray) -> kernels.Linked | None:
-    """Return what the lanes need of the calibration, the cables in the given order; None without one."""
+    """Return the lanes' part of the calibration, the cables in the given order; None without one."""
     m, columns = len(order), plan.factor.shape[1]
     if columns == 0:
         return None
@@ -186,9 +187,10 @@ def run(
     scheduler: str | None = None,
     checkpoint: Path | None = None,
 ) -> tuple[FloatArray, IntArray]:
-    """Figures (F, n) and flags (n,) of all positions. workers: threads, default one per core this process may use; scheduler: address of a
-    dask scheduler that does the chunks instead; checkpoint: folder where finished chunks are kept, so that a killed scan goes on where it
-    stopped. AccuracyError when the folder belongs to another scan, or the scheduler cannot be reached."""
+    """Return figures (F, n) and flags (n,) of all positions. workers: threads, by default one per core this process may use; scheduler:
+    address of a dask scheduler that computes the chunks instead; checkpoint: folder of finished chunks, from which a killed scan continues.
+    AccuracyError if the folder belongs to another scan, or the scheduler cannot be reached.
+    """
     kept = None if checkpoint is None else _Kept(checkpoint, plan)
     n = len(plan.positions)
     figures, flags = np.empty((len(kernels.FIGURES), n)), np.empty(n, np.int64)

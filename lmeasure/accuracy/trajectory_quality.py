@@ -1,4 +1,4 @@
-"""A trajectory as a person wants to see it: how well each pose is known, what was left out, how fast it was; thinned for pictures."""
+"""Quality of a trajectory: the uncertainty of each pose, the samples without one, the speed; thinned for pictures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -40,10 +40,11 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Along:
-    """u95_mm, u95_rad (n,): radii that hold 95 % of the tool origin and of the rotation vector, NaN where there is no pose or nobody states
-    them; rotation_deg (n, 3): since the first known orientation, rotation vector about the base axes; stretches: all samples that are not
-    ok, or ok without a cable; motion: its speed, None where `no_motion` says why; rows: samples that a picture needs, at most about
-    MOST_ROWS, among them the extremes of every figure and the ends of every stretch."""
+    """u95_mm, u95_rad (n,): radii that hold 95 % of the tool origin and of the rotation vector, NaN without a pose or a statement;
+    rotation_deg (n, 3): since the first known orientation, rotation vector about the base axes; stretches: all samples that are not ok, or
+    ok without a cable; motion: its speed, None where `no_motion` says why; rows: samples that a picture needs, at most about MOST_ROWS,
+    among them the extremes of every figure and the ends of every stretch.
+    """
 
     trajectory: Trajectory
     u95_mm: FloatArray
@@ -61,7 +62,7 @@ class Along:
 
 
 def along(trajectory: Trajectory) -> Along:
-    """Return what is to be drawn and said of a trajectory."""
+    """Return the plotted and reported quality of a trajectory."""
     covariance = trajectory.random + trajectory.systematic
     u95_mm, u95_rad = stated_radii_95(covariance[:, 3:, 3:]), stated_radii_95(covariance[:, :3, :3])
     no_place, no_turn = np.isnan(trajectory.poses[:, 0]), np.isnan(trajectory.poses[:, 3])

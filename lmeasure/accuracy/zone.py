@@ -128,10 +128,10 @@ def covariance_factor(rig: Rig, calibration: CalibrationRecord | None) -> FloatA
 class Scan:
     """Settings of a zone: mapped quantities and their computation.
 
-    bodies: what the cables must not touch; start (7,): the pose at which the counters are zeroed; spacing_mm: the volume's step along an
-    axis with a single node; refine: the volume within the box is wanted to this relative change (0.002, say), by cutting the cells along
-    the zone's edge (`refined_volume`); reliability: the faults that would show are mapped too
-    (`zone_dataset.with_faults`); workers, scheduler and checkpoint are those of `accuracy.scan.run`.
+    bodies: obstacles that the cables must not touch; start (7,): the pose at which the counters are zeroed; spacing_mm: the volume's step
+    along an axis with a single node; refine: wanted relative change of the volume within the box (such as 0.002); cells along the zone's
+    edge are cut (`refined_volume`); reliability: also map the detectable faults (`zone_dataset.with_faults`); workers, scheduler,
+    checkpoint: as in `accuracy.scan.run`.
     """
 
     limits: Limits = field(default_factory=Limits)
@@ -232,23 +232,23 @@ def map_zone(
     scan: Scan | None = None,
     progress: Progress | None = None,
 ) -> "xr.Dataset":
-    """Worst pressure angle and uncertainty over the orientations, at each node of a box, and what lies within the limits.
+    """Map the worst pressure angle and uncertainty over the orientations at each node of a box, and the nodes within the limits.
 
-    nodes: of the tool origin [mm, base frame] along x, y, z; rotations: base_from_tool orientations, all tried at each node. In the zone
-    is a node where every orientation keeps the limits.
+    nodes: of the tool origin [mm, base frame] along x, y, z; rotations: base_from_tool orientations, all tried at each node. In the zone is
+    a node where every orientation keeps the limits.
 
     u95_position_mm is the radius of the sphere at the tool origin that holds 95 % of the Gaussian with the covariance from independent
-    counts of +-1/2 (variance c^2/12), as much again for where within a count each counter was zeroed unless that is exact (`zero_exact`),
-    what the rig states of dimensions that are not solved (`lmeasure.sensors.stated_errors`) and, when given, the calibration's. A length is
-    counted from the start pose: a zone has no run yet, so its default is the box's centre with the mean orientation.
+    counts of +-1/2 (variance c^2/12), as much again for the sub-count offset at zeroing unless that is exact (`zero_exact`), the stated
+    errors of dimensions that are not solved (`lmeasure.sensors.stated_errors`) and those of a calibration. A length is counted from the
+    start pose: a zone has no run yet, so its default is the box's centre with the mean orientation.
 
-    Returns a dataset over x, y, z with `worst_pressure_angle_deg` (90 where a cable cannot run or the pose is singular),
-    `u95_position_mm` (infinite there), `shortest_cable_mm`, `longest_cable_mm`, `largest_wrap_deg`, `assembly` (of six cables: sign of the
-    determinant, 0 where it changes), `singularity_distance` (1/|J^-1| by Frobenius, of more than six 1/|J^+|, J with moments divided by the
-    platform's size: the least singular value lies between it and 2.45 times it); with `full`, `u95_rotation_deg` and `u95_attachment_mm`;
+    Returns a dataset over x, y, z with `worst_pressure_angle_deg` (90 where a cable cannot run or the pose is singular), `u95_position_mm`
+    (infinite there), `shortest_cable_mm`, `longest_cable_mm`, `largest_wrap_deg`, `assembly` (of six cables: sign of the determinant, 0
+    where it changes), `singularity_distance` (1/|J^-1| by Frobenius, of more than six 1/|J^+|, J with moments divided by the platform's
+    size: the least singular value lies between it and 2.45 times it); with `full`, `u95_rotation_deg` and `u95_attachment_mm`;
     `clearance_mm` when bodies or a clearance are given; `in_zone` (0/1), `rejected_because` (bits of `REASONS`) and attributes. Raises
-    RigError for a rig that cannot tell a pose, AccuracyError for a box or a limit that makes no sense, GeometryError when a calibration is
-    linked and a cable cannot run at the start pose.
+    RigError for a rig that cannot determine a pose, AccuracyError for a box or a limit that makes no sense, GeometryError when a
+    calibration is linked and a cable cannot run at the start pose.
     """
     scan = scan or Scan()
     limits, refine = scan.limits, scan.refine
@@ -307,7 +307,7 @@ def make_plan(
     near: bool = False,
     bodies: Sequence[Body] = (),
 ) -> Plan:
-    """The scan of (n, 3) positions [mm] at all rotations; see `map_zone` for the rest and what is raised."""
+    """Return the scan of (n, 3) positions [mm] at all rotations; see `map_zone` for the other parameters and errors."""
     rig = rig.zeroed_at(start)
     if not rig.sensors:
         rig.require_pose(redundant=True)
@@ -346,9 +346,10 @@ def at_pose(plan: Plan, rig: Rig, calibration: CalibrationRecord | None, pose: F
 def drum_variance(
     rig: Rig, calibration: CalibrationRecord | None, positions: FloatArray, rotations: Rotation, *, start: FloatArray
 ) -> FloatArray:
-    """(m,) variance [mm^2] of the lengths by drums and pulleys that run out and play, where the rig states them, and by what a calibration
-    that solved them left: the mean over poses of the scan, as turns of drum and pulley from the start to a place in the cell are many and
-    any. What the calibration tells of these together with guides and points is left out, which makes it larger."""
+    """Return the (m,) variance [mm^2] of the lengths from run-out and play of drums and pulleys, as stated by the rig or left by a
+    calibration. It is the mean over poses of the scan: drum and pulley may turn many times from the start to a pose. Correlations with
+    guides and points in the calibration are ignored, which makes it larger.
+    """
     effects = sensors.Unsolved(rig, sensors.of_record(rig, calibration))
     # of play that is known, nobody knows where in its band a counter was zeroed
     known = sensors.every_part(rig, rig.cable).values[:, sensors.PLAY] * rig.cable_rows()[:, COUNT_LENGTH] / rig.scales()
@@ -383,8 +384,9 @@ def dimension_variance(plan: Plan) -> FloatArray:
 def assumed_in_zone(
     rig: Rig, calibration: CalibrationRecord | None, positions: FloatArray, rotations: Rotation, *, start: FloatArray, share: float = 0.5
 ) -> Assumed:
-    """What sizes that are assumed because nobody stated them make of U95 at the better share of the places of a scan. Start and temperature
-    are those of a run."""
+    """Return the part of U95 from typical sizes that nobody stated, at the best share of a scan's positions. Start and temperature are a
+    run's.
+    """
     model = RunModel(rig.zeroed_at(start), start, calibration)
     try:
         budget = Budget(model)
@@ -434,7 +436,7 @@ def named_figures(figures: FloatArray, flags: IntArray, *, full: bool, near: boo
 
 
 def covers(rig: Rig, calibration: CalibrationRecord | None) -> Message:
-    """Return what the uncertainties cover."""
+    """Return the sources that the uncertainties cover."""
     exact = sensors.zeroed_exactly(rig)
     counts = message("covers.counts" if exact.all() else "covers.counts_some_phase" if exact.any() else "covers.counts_phase")
     zeros = zeros_of(rig, calibration)
@@ -476,8 +478,9 @@ Range = tuple[float, float, float]
 
 
 def box_around(rig: Rig) -> tuple[Range, Range, Range]:
-    """(start, stop, step) along x, y, z [mm, base frame]: the box of the observation points and of the base frame's origin, where the robot
-    stands, at whole multiples of one step that is 1, 2 or 5 and zeros."""
+    """Return (start, stop, step) along x, y, z [mm, base frame]: the box of the observation points and of the base frame's origin, at the
+    robot's foot. Its edges are whole multiples of one step: 1, 2 or 5 times a power of ten.
+    """
     points = np.array([(0.0, 0.0, 0.0), *(rig.point(name).position_mm for name in dict.fromkeys(c.from_point for c in rig.cable))])
     low, high = points.min(axis=0), points.max(axis=0)
     longest = max(float((high - low).max()), LEAST_MM)

@@ -183,7 +183,7 @@ def read_zone(path: Path) -> "xr.Dataset":
 
 
 def _check(path: Path, data: "xr.Dataset") -> None:
-    """FileFormatError names the axis, variable or attribute that does not hold what a zone needs: somebody else wrote or changed it."""
+    """Raise FileFormatError if an axis, variable or attribute of a zone is missing or wrong: another program wrote or changed the file."""
     for name in DIMS:
         if name not in data.coords or data.coords[name].dims != (name,):
             raise FileFormatError(message("error.coordinate_is_missing", where=path, name=name))
@@ -232,7 +232,7 @@ def with_faults(data: "xr.Dataset", rig: Rig, readings: Readings, positions: Flo
 
 
 def said(zone: "xr.Dataset") -> list[str]:
-    """For each channel, of the places in the zone: the largest of its smallest faults, and what one that is just not found does."""
+    """Return for each channel its largest minimal detectable fault in the zone, and the effect of one that is just not found."""
     if "least_fault" not in zone or not zone["in_zone"].values.any():
         return []
     inside = zone["in_zone"].values.astype(bool)

@@ -168,11 +168,12 @@ LEVELS = 60  # of a zone that are followed
 def edges(
     rig: Rig, zone: "xr.Dataset", rotations: Rotation, lengths_mm: tuple[float, float] | None = None
 ) -> tuple[list[Piece], list[str]]:
-    """The edge of every part of a scanned zone at every level, in the plane XY, with the holes in it, and messages about those without one.
+    """Return the edge of every part of a scanned zone at every level, in the plane XY, with the holes in it, and messages about those
+    without one.
 
-    Of the angle and of the lengths' limits, in all the orientations it was scanned with; other limits asked for cut the zone further. Parts
-    come from the grid. A part whose edge leaves the scanned box is open. AccuracyError unless the rig
-    has six cables or more and the levels are few enough.
+    Levels are of the angle and of the lengths' limits, in all scanned orientations; other limits cut the zone further. Parts come from the
+    grid. A part whose edge leaves the scanned box is open. AccuracyError unless the rig has six cables or more and the levels are few
+    enough.
     """
     if rig.sensors:
         raise AccuracyError(message("error.boundary_the_edge_is", name=rig.name))

@@ -35,13 +35,14 @@ from lmeasure.text import Lines, count_of, message
 TURN_S = 0.05
 """Longest time of one look at the source."""
 STALE_S = 2.0
-"""For how long a count stands for how things are when no other comes."""
+"""Longest time for which a count is current if no other comes."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """State of counting for a person: counts, counts/s and mm/s per channel, NaN where none came for `STALE_S`; latency_s
-    from a frame's own time to its being counted, where one clock tells both."""
+    """State of counting for a display: counts, counts/s and mm/s per channel, NaN where none came for `STALE_S`; latency_s from a frame's
+    own time to its count, if one clock measures both.
+    """
 
     seconds: float
     frames: int
@@ -53,11 +54,11 @@ class Progress:
     speeds_mm_s: FloatArray
     latency_s: float | None
     origin_s: float | None = None
-    """When the first sample was, by the frames' clock."""
+    """Time of the first sample, by the frames' clock."""
     events: tuple[Event, ...] = ()
     """All faults so far, as far as they are kept."""
     newest_s: float | None = None
-    """When the last sample was, by the frames' clock."""
+    """Time of the last sample, by the frames' clock."""
     lost: int = 0
     """Frames that came and could not be taken."""
     disk_free: int | None = None
@@ -79,11 +80,13 @@ class Counting:
         self._latency: float | None = None
         self._heard: float | None = None
         self._newest_s = float("nan")
-        """When the last frame came, by this program's clock and by the frames'."""
+        """Times of the last frame, by this program's clock and by the frames'."""
         self.assembler.feed(no_frames())
 
     def receive(self, seconds: float) -> Frames | None:
-        """What comes within the time, by microseconds, as logs have it: reading it again gives the same. None when the source has ended."""
+        """Return the frames of the next seconds, in microseconds as in logs, so that reading them again gives the same. None at the
+        source's end.
+        """
         frames = self.source.receive(seconds)
         self._noticed += self.source.notices()
         return frames if frames is None or not len(frames) else replace(frames, time_s=np.round(frames.time_s, 6))
@@ -107,7 +110,7 @@ class Counting:
         return replace(samples, time_s=samples.time_s - self.origin)
 
     def tell(self, time_s: FloatArray, last: bool = False) -> None:
-        """Tie what happened to the source to the first sample at its time or later, among the (n,) times of new ones."""
+        """Tie an event of the source to the first sample at its time or later, among the (n,) times of new ones."""
         later = []
         for notice in self._noticed:
             row = 0 if notice.time_s is None else int(np.searchsorted(time_s, notice.time_s))
@@ -122,7 +125,6 @@ class Counting:
             self.assembler.events.add(Event(self.samples, self._newest_s, "", "pause", message("event.no_frame", seconds=silent)))
 
     def progress(self, seconds: float, disk_free: int | None = None) -> Progress:
-        """The state of things, for a display."""
         m = len(self.fields)
         counts, rates = np.full(m, np.nan), np.full(m, np.nan)
         if self._seen[0] != self.samples:
@@ -164,9 +166,9 @@ def watch(
     each: Callable[[Samples], None] = lambda samples: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Progress:
-    """Count what comes until the time is over, the source ends, `stop` says so, or Ctrl-C (or SIGTERM), and keep nothing; the last state.
+    """Count without recording until the time is over, the source ends, `stop` is true, or Ctrl-C (or SIGTERM); return the last state.
 
-    show and each as `recorder.record` has them. AcquisitionError when the source is lost, or not one sample came.
+    show and each as in `recorder.record`. AcquisitionError if the source is lost, or no sample came.
     """
     counting, begin = Counting(rig, source, fields, passage), time.monotonic()
     with asked_to_end() as asked:
@@ -195,7 +197,7 @@ def nothing_came(counting: Counting) -> str:
 
 @contextlib.contextmanager
 def asked_to_end() -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C or SIGTERM came: looked at between two batches, so that none is lost or cut in two by it; a second one breaks off."""
+    """Catch Ctrl-C and SIGTERM and report them between two batches, so that none is lost or cut in two; a second one breaks off."""
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
         return
@@ -312,7 +314,7 @@ class Recording:
 
     @property
     def _advice(self) -> str:
-        """Return what to do about counts that are missing."""
+        """Return advice about missing counts."""
         if self.faults.get("lost_wrap"):
             return message("acquisition.counter_may_have_passed")
         return message("acquisition.look_encoder_plug_cable")
@@ -349,13 +351,12 @@ def record(
     each: Callable[[Samples], None] | None = None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Recording:
-    """Record a pass from the source into the run folder until the time is over, the source ends, `stop` says so, or Ctrl-C (or SIGTERM).
+    """Record a pass from the source into the run folder until the time is over, the source ends, `stop` is true, or Ctrl-C (or SIGTERM).
 
-    start (7,): the pose at which the counters were zeroed, None where it is not known; that of pass 1 holds for later ones. devices:
-    identities for the manifest. beside: files that the rig names, such as its calibration, which go into the folder too.
-    show gets the state of things at every turn, each the samples as soon as they are known, their times from the first one, as in the file.
-    A source that is lost, a log that breaks, or a disk that is full, ends the recording early: what came before is kept, the text says why.
-    AcquisitionError when not one sample came.
+    start (7,): the pose at which the counters were zeroed, None if it is unknown; that of pass 1 is also that of later ones. devices:
+    identities for the manifest. beside: files that the rig names, such as its calibration, which are copied into the folder. show gets the
+    state at every turn, each the new samples, with times from the first one as in the file. A lost source, a broken log or a full disk ends
+    the recording early: earlier samples are kept, and the text gives the reason. AcquisitionError if no sample came.
     """
     writer = _Writer(folder, rig, fields, passage, start=start, source=source, devices=devices or [], beside=beside or {}, each=each)
     ended = "complete"
@@ -476,7 +477,7 @@ class _Writer:
         return table
 
     def take(self, seconds: float) -> bool:
-        """Append what comes within the time and what it completes; False when the source has ended."""
+        """Append the frames of the next seconds and the samples that they complete; False at the source's end."""
         frames = self.counting.receive(seconds)
         if frames is not None:
             self._write(frames)
@@ -507,11 +508,10 @@ class _Writer:
             self._free = shutil.disk_usage(self.folder).free
 
     def progress(self, seconds: float) -> Progress:
-        """The state of things, for a display."""
         return self.counting.progress(seconds, self._free)
 
     def close(self, ended: str) -> Recording:
-        """Write what is left, mark stalls, and say how it ended."""
+        """Write the rest, mark stalls, and report the end."""
         path = self.folder / f"pass{self.passage}.csv"
 
         def rest() -> None:
@@ -571,7 +571,7 @@ def _kept(path: Path) -> str:
 
 
 def _content(path: Path) -> bytes | None:
-    """The file's bytes, none of what is there and no file, None where nothing is."""
+    """Return the file's bytes, empty if it is no regular file, None if it does not exist."""
     if not path.exists():
         return None
     try:

@@ -39,9 +39,9 @@ def record_session(
     stop: Callable[[], bool] = lambda: False,
     say: Callable[[str], None] = lambda text: None,
 ) -> Recording:
-    """Open what the rig's `[can]` table and the bus's name ask for and record a pass; see `recorder.record`.
+    """Open the bus for the rig's `[can]` table and record a pass; see `recorder.record`.
 
-    start: as `recording.run.stated_start` takes it; options: KEY=VALUE for the interface. AcquisitionError in one line.
+    start: as in `recording.run.stated_start`; options: KEY=VALUE for the interface. AcquisitionError in one line.
     """
     rig, calibration = read_linked_rig(rig_path)
     if passage > rig.passes:
@@ -87,9 +87,9 @@ class Link:
 def connect(
     rig: Rig, folder: Path, bus: str, *, passage: int = 1, options: Mapping[str, str | int] | None = None, paced: bool = True
 ) -> Link:
-    """Open the bus as the rig's `[can]` table asks: CiA 406 encoders are found, checked and started, again after each loss of the bus.
+    """Open the bus for the rig's `[can]` table: CiA 406 encoders are found, checked and started, again after each loss of the bus.
 
-    folder: where the table's DBC file stands. AcquisitionError in one line.
+    folder: the folder of the table's DBC file. AcquisitionError in one line.
     """
     table = rig.can_table
     interface, _, channel = bus.partition(":")
@@ -121,7 +121,7 @@ def connect(
 
 
 def _warm_up(rig: Rig, fields: tuple[CounterField, ...], passage: int) -> None:
-    """Compile what decodes frames, which can take seconds the first time, while none can be lost by it."""
+    """Compile the decoders of frames before any frame can be lost: it can take seconds the first time."""
     new_assembler(rig, fields, passage).feed(no_frames())
 
 

@@ -1,6 +1,6 @@
-"""CAN adapters of this machine, as far as they can be found without opening them, and who speaks on a bus.
+"""CAN adapters of this machine that can be found without opening them, and the senders on a bus.
 
-Run as a program it prints what python-can's drivers find, a line of JSON for each interface: one that hangs or breaks takes nothing along.
+Run as a program, it prints the channels of python-can's drivers, one line of JSON per interface: a driver that hangs does not stop others.
 """
 
 import contextlib
@@ -13,20 +13,19 @@ from dataclasses import dataclass
 from typing import Any
 
 LEFT_OUT = ("virtual", "udp_multicast", "serial", "socketcand")
-"""Which lead to nothing but other programs and are always there, or speak no CAN; daemons are named by who started them."""
+"""Interfaces that lead only to other programs, always exist, or do not speak CAN. Users name the daemons that they start themselves."""
 PATIENCE_S = 4.0
 
 
 @dataclass(frozen=True)
 class Adapter:
-    """A bus as `--bus` takes it, options as `--bus-option` does, and what is known of it."""
+    """Bus in the notation of `--bus`, its options in that of `--bus-option`, and a description."""
 
     bus: str
     options: tuple[str, ...] = ()
     about: str = ""
 
     def line(self) -> str:
-        """For a person."""
         more = "".join(f" --bus-option {one}" for one in self.options)
         return f"{self.bus}{more}" + (f"  ({self.about})" if self.about else "")
 
@@ -58,7 +57,7 @@ def adapters(patience_s: float = PATIENCE_S) -> tuple[tuple[Adapter, ...], tuple
 
 
 def _adapter(config: dict[str, Any]) -> Adapter | None:
-    """Return python-can's keywords; what is no plain value is how a program holds it, and not how it is named."""
+    """Return the adapter of python-can's keywords; values that are not plain are objects of the driver, and no part of its name."""
     interface, channel = config.get("interface"), config.get("channel")
     if not interface or channel is None or interface in LEFT_OUT:
         return None

@@ -52,8 +52,8 @@ class Objects(ABC):
 class DataSheet(Objects):
     """The numbers that an EDS or DCF file (CiA 306) states: its parameter values, else its defaults; `$NODEID` is the node's number.
 
-    Only the objects that are asked for are looked at: other entries may be odd or blank. A transmit PDO with a blank identifier or type has
-    those of CiA 301 and CiA 406. FileFormatError when the file cannot be read, or a number that is needed is none.
+    Only requested objects are read: other entries may be odd or blank. A transmit PDO with a blank identifier or type has those of CiA 301
+    and CiA 406. FileFormatError when the file cannot be read, or a required value is no number.
     """
 
     def __init__(self, path: Path, node: int) -> None:
@@ -85,7 +85,7 @@ class DataSheet(Objects):
         return self._blank(index, subindex)
 
     def _blank(self, index: int, subindex: int) -> int | None:
-        """Return what the standards say where an object is there and states nothing."""
+        """Return the default of the standards for an object that exists but has no value."""
         if 0x1800 <= index < 0x1804 and subindex == 1:
             return OWN_TIMER_PDO + 0x100 * (index - 0x1800) + self._node
         if index in (0x1800, 0x1801) and subindex == 2:
@@ -113,7 +113,7 @@ class DataSheet(Objects):
 
 
 def position_place(node: Objects, timing: str, cyclic_ms: int | None) -> Place:
-    """The place of the position in the PDO that is sent as the table's timing asks: identifier, mask, extended, first bit, bits, ..."""
+    """Return the place of the position in the PDO that the table's timing selects: identifier, mask, extended, first bit, bits, ..."""
     seen = []
     for number in range(TRANSMIT_PDOS):
         cob = node.read(0x1800 + number, 1)
@@ -148,10 +148,10 @@ def check_identity(sheet: Path, name: str, node: int, *, vendor: int | None, pro
 
 
 def fields_in_log(rig: Rig, passage: int, folder: Path, seen: Collection[int]) -> tuple[CounterField, ...]:
-    """The fields of a CiA 406 rig's channels in a log, where nobody can be asked; seen: 11-bit identifiers of its frames.
+    """Return the fields of a CiA 406 rig's channels in a log, where no device answers; seen: 11-bit identifiers of its frames.
 
-    Each stands where the rig says (cob_id), else where the EDS file says, else in the PDO that CiA 406 names for the table's timing, or in
-    TPDO1 where the log has that one only. FileFormatError when the EDS file does not tell.
+    The rig gives the place (cob_id), else the EDS file, else it is the PDO that CiA 406 names for the table's timing, or in TPDO1 where the
+    log has that one only. FileFormatError if the EDS file does not state it.
     """
     table = rig.can_table
     if not isinstance(table, CanOpenCan):
@@ -172,7 +172,7 @@ def _place_in_log(channel: NodeChannel, table: CanOpenCan, folder: Path, seen: C
 
 
 def as_mapped(rig: Rig, fields: tuple[CounterField, ...]) -> Rig:
-    """The rig with what was found out of its encoders' frames and ranges, so that recorded frames can be read by it alone."""
+    """Return the rig with the frames and ranges found for its encoders, so that recorded frames can be read without a device."""
     table = rig.can
     if not isinstance(table, CanOpenCan):
         return rig
@@ -214,7 +214,7 @@ class Device:
     field: CounterField
 
     def identity(self) -> dict[str, Any]:
-        """For the recording's manifest: what is known, by name."""
+        """Return the device's identity by name, for the recording's manifest."""
         names = [n for n in self.__dataclass_fields__ if n != "field"]
         known = {n: getattr(self, n) for n in names if getattr(self, n) is not None}
         return known | {"cob_id": self.field.identifier, "bits": self.field.bits}
@@ -242,9 +242,9 @@ class _Node(Objects):
 
 
 def start_nodes(bus: "can.BusABC", rig: Rig, passage: int = 1, folder: Path = Path()) -> tuple[Device, ...]:
-    """Find, check and start the encoders of the rig's CiA 406 table over an open bus; the devices in the cables' order.
+    """Find, check and start the encoders of the rig's CiA 406 table over an open bus; return the devices in the cables' order.
 
-    folder: where the table's EDS file stands. AcquisitionError names the node, its channel and what does not agree with the rig.
+    folder: the folder of the table's EDS file. AcquisitionError names the node, its channel and the disagreement with the rig.
     """
     from lmeasure.acquisition.bus.python_can import can, user
 
@@ -279,7 +279,7 @@ def start_nodes(bus: "can.BusABC", rig: Rig, passage: int = 1, folder: Path = Pa
 
 
 def scan(network: Any) -> list[int]:
-    """Nodes that answer a read of their device type, or say anything else."""
+    """Return the nodes that answer a read of their device type, or send anything else."""
     network.scanner.reset()
     network.scanner.search()
     time.sleep(BOOT_S)
@@ -341,9 +341,9 @@ def _check_serials(devices: tuple[Device, ...], channels: dict[str, NodeChannel]
 
 
 def produce_sync(bus: "can.BusABC", sync_id: int, period_s: float) -> Any:
-    """Send SYNC with that period from now on: by the interface where it can, else from a thread; a task with `stop()`.
+    """Send SYNC with that period from now on, by the interface if it can, else from a thread. Return a task with `stop()`.
 
-    AcquisitionError when the interface does not give its own frames back: then nobody could tell which counts belong to which SYNC.
+    AcquisitionError when the interface does not give its own frames back: then counts could not be assigned to a SYNC.
     """
     from lmeasure.acquisition.bus.python_can import can
 

@@ -24,7 +24,7 @@ FD_LENGTHS = np.array([*range(9), 12, 16, 20, 24, 32, 48, 64])
 """Data lengths a frame can have."""
 
 CLOSEST = 0.5
-"""Of the time between two rows: no two come closer to each other, where those behind a late one catch up."""
+"""Smallest part of the time between two rows: rows that catch up behind a late one come no closer."""
 BEHIND_S = 0.5
 """Largest delay of a row for those behind it to catch up: a machine that slept does not hurry."""
 
@@ -32,10 +32,10 @@ _places = itertools.count()
 
 
 def frames_from_counts(time_s: FloatArray, recorded: FloatArray, fields: tuple[CounterField, ...], sync_id: int) -> Frames:
-    """For each of the (n,) times a SYNC and then one frame per field with its count of (n, m), all stamped with that time.
+    """Return a SYNC for each of (n,) times, then one frame per field with its count of (n, m), all stamped with that time.
 
-    Counts are whole; channels that share an identifier share the frame. AcquisitionError where a count is missing,
-    or a field is no plain integer.
+    Counts are whole; channels that share an identifier share the frame. AcquisitionError where a count is missing, or a field is no plain
+    integer.
     """
     if not np.isfinite(recorded).all():
         raise AcquisitionError(message("error.sample_has_no_count", row=int(np.argmax(~np.isfinite(recorded).all(axis=1)))))
@@ -89,15 +89,16 @@ def send(frames: Frames, bus: "can.BusABC", *, paced: bool, stop: threading.Even
 
 
 class Pace:
-    """When rows are due, from now on, so many a second; now and sleep are the clock."""
+    """Times of rows at a fixed rate from now on; now and sleep are the clock."""
 
     def __init__(self, rate_hz: float, now: Callable[[], float] = time.perf_counter, sleep: Callable[[float], None] = time.sleep) -> None:
         self._period, self._now, self._sleep = 1.0 / rate_hz, now, sleep
         self._due = now()
 
     def wait(self) -> None:
-        """Until the next row is due. Where the machine has kept this program waiting, rows come at up to twice the rate until they are in
-        time again: over a minute they are as many as were asked for, and no drum seems to turn twenty times as fast."""
+        """Wait until the next row is due. After a delay by the machine, rows come at up to twice the rate until they are in time again: a
+        minute has all its rows, and no drum seems to turn twenty times as fast.
+        """
         sent = self._now()  # the row before, wherever this program was kept waiting while it was sent
         self._sleep(max(self._due - sent, CLOSEST * self._period))
         self._due = max(self._due + self._period, self._now() - BEHIND_S)
@@ -114,12 +115,12 @@ def play(rows: FloatArray, fields: tuple[CounterField, ...], sync_id: int, bus: 
 
 
 def virtual_place() -> str:
-    """A channel of python-can's virtual bus that nobody else in this process uses."""
+    """Return a channel of python-can's virtual bus that is unused in this process."""
     return f"lmeasure-feed-{next(_places)}"
 
 
 def record_feed(rig: Rig, counts: Counts, passage: int = 1, progress: Callable[[int, int], None] | None = None) -> Assembled:
-    """Send a pass of simulated counts over python-can's virtual bus from a thread and assemble what arrives on its other side.
+    """Send a pass of simulated counts over python-can's virtual bus from a thread and assemble the frames that arrive on its other side.
 
     The frames keep the simulation's times, and count as those of a log. AcquisitionError when the feed stops before its last frame.
     """

@@ -1,4 +1,4 @@
-"""CAN frames as arrays: what every source gives and every decoder takes."""
+"""CAN frames as arrays: output of every source, input of every decoder."""
 
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
@@ -29,7 +29,7 @@ ERROR_STATE = 1 << 5
 SENT = 1 << 6
 """Sent by the recording side, not received."""
 CLASSED = 1 << 7
-"""Of an error frame: its identifier and data are a class of SocketCAN with its data (linux/can/error.h)."""
+"""Mark of an error frame whose identifier and data are a class of SocketCAN with its data (linux/can/error.h)."""
 
 BUS_OFF, CONTROLLER, COUNTERS = 0x40, 0x04, 0x200
 """Classes of SocketCAN: bus-off; state of the controller in byte 1; error counters (sent, received) in bytes 6 and 7."""
@@ -49,9 +49,9 @@ class Frames:
     """Frames in the order in which they were received.
 
     time_s (n,) float64 [s] as the source gives it; identifier (n,) uint32, 11 or 29 bits, no flags; flags (n,) uint8 of the bits above;
-    length (n,) uint8 bytes of data (of a remote frame: bytes asked for); data (n, 8) or (n, 64) uint8, zero beyond the length; channel
-    (n,) int16, index into buses, the names of the buses as the source writes them. timestamp_source says who took the time:
-    the interface's clock, the kernel, this program, or whoever wrote the log.
+    length (n,) uint8 bytes of data (of a remote frame: bytes requested); data (n, 8) or (n, 64) uint8, zero beyond the length; channel (n,)
+    int16, index into buses, the names of the buses as the source writes them. timestamp_source names the clock: the interface's, the
+    kernel's, this program's, or that of the log's writer.
     """
 
     time_s: FloatArray

@@ -44,8 +44,9 @@ ERROR_BITS = (0x01, 0x02, 0x04, 0x08, 0x10, 0x20, 0x40, 0x80, 0x100, 0x200)
 
 @dataclass(frozen=True)
 class Word:
-    """Something that was said in frame `row` of a batch: kind of event and text, of the fields `of` (all: of the bus), and what it makes of
-    their origins: LOST, DOUBTFUL or nothing."""
+    """Report in frame `row` of a batch: kind of event and text, for the fields `of` (all: the bus), and its effect on their origins: LOST,
+    DOUBTFUL or none.
+    """
 
     row: int
     kind: str
@@ -74,7 +75,7 @@ class NetworkWatch:
         """Nodes that sent an emergency."""
 
     def words(self, frames: Frames) -> list[Word]:
-        """Return what was said in a batch, in its order."""
+        """Return the reports in a batch, in its order."""
         looked = self._wanted[np.minimum(frames.identifier, OTHERS)]
         if self._addresses:
             looked |= (frames.identifier & ADDRESS_CLAIM_MASK) == ADDRESS_CLAIM
@@ -187,7 +188,7 @@ class BusWatch:
             self._seen.update({(int(i), wide): int(n) for i, n in zip(identifiers, counts, strict=True)})
 
     def silence(self, bit_rate: int | None) -> str:
-        """Why no count may have come, in words."""
+        """Return likely reasons for missing counts, in words."""
         rate = message("bus.other_rate") if bit_rate is None else message("bus.other_rate_than", rate=bit_rate)
         if self.errors and not self._seen:
             return message("bus.only_errors", count=self.errors, rate=rate)
@@ -207,7 +208,7 @@ class BusWatch:
         return message("bus.no_counter_frames") if self._seen else ""
 
     def foreign(self) -> list[str]:
-        """Identifiers that nobody of the rig sends, the most frequent first."""
+        """Return identifiers that no device of the rig sends, the most frequent first."""
         nodes = {f.identifier & 0x7F for f in self.fields if not f.extended}
         network = {base + n for n in nodes for base in (EMERGENCY, HEARTBEAT, *SDO)} | {*NETWORK, self.sync_id, *self._others}
         out = [
@@ -243,7 +244,7 @@ MOST = 240
 ANSWERS = 5
 """Answers that show an n above 1; three show that every SYNC is answered."""
 RECENT = 16
-"""Answers by which n is judged again."""
+"""Number of answers from which n is determined again."""
 REGULAR = 0.9
 """Part of the distances between answers that are multiples of n at least."""
 
@@ -269,7 +270,7 @@ def ordinal(n: int) -> str:
 
 
 class Transmission:
-    """Which SYNCs each of m channels is due to answer, from those that it has answered. SYNCs are numbered from the first one on."""
+    """SYNCs that each of m channels is due to answer, from those that it has answered. SYNCs are numbered from the first one on."""
 
     def __init__(self, channels: int) -> None:
         self.n = np.ones(channels, np.int64)
@@ -310,6 +311,6 @@ class Transmission:
 
     @property
     def meets(self) -> bool:
-        """Whether there are SYNCs that all channels answer."""
+        """Return whether all channels answer some of the same SYNCs."""
         slow = [(int(self.n[c]), int(self._recent[c][-1])) for c in np.flatnonzero(self.n > 1) if len(self._recent[c])]
         return all((a - b) % math.gcd(n, k) == 0 for n, a in slow for k, b in slow)

@@ -1,11 +1,10 @@
 """Sources of frames, all alike: open, receive for a while, close.
 
-`open_source` takes what a person writes after `--bus`: INTERFACE:CHANNEL for any interface of python-can, `replay:FILE` for a log, in its
-own time, and `simulated:SCENARIO` for the simulated cell.
+`open_source` takes the text after `--bus`: INTERFACE:CHANNEL for any interface of python-can, `replay:FILE` for a log, in its own time, and
+`simulated:SCENARIO` for the simulated cell.
 
-python-can's udp_multicast is kept to its own group: python-can 4.6 binds its sockets to every address: a socket then gets whatever any
-socket of this machine has joined on that port, and what is sent to the machine itself. Two recordings on two groups would hear each
-other.
+python-can's udp_multicast is kept to its own group: python-can 4.6 binds its sockets to every address: a socket then gets the traffic of
+every group that any socket of this machine has joined on that port. Two recordings on two groups would hear each other.
 """
 
 import contextlib
@@ -72,7 +71,7 @@ def bind_to_group(bus: "can.BusABC") -> None:
 
 
 def is_garbled(error: Exception) -> bool:
-    """Whether the bus is whole and only the datagram was no frame: anybody may send anything to a group."""
+    """Return whether the bus is whole and only the datagram was no frame: anyone may send anything to a group."""
     return "could not unpack received message" in str(error)
 
 
@@ -86,7 +85,7 @@ SOCKETCAN_ERRORS = ("socketcan", "socketcand", "gs_usb", "virtual", "udp_multica
 """Interfaces of python-can whose error frames have the classes and data of SocketCAN; others have codes of their own, or none."""
 KERNEL_CLOCKS = ("socketcan", "socketcand", "udp_multicast")
 SMALLEST_STEP_S = 0.05
-"""Of a clock that is set: the latency of a busy host stays below."""
+"""Smallest step [s] of a clock that was set; the latency of a busy host is shorter."""
 REOPEN_EVERY_S = 0.2
 
 
@@ -101,7 +100,7 @@ class Notice:
 
 
 class Source(Protocol):
-    """Where frames come from."""
+    """Source of frames."""
 
     name: str
     timestamp_source: TimestampSource
@@ -269,7 +268,7 @@ def _enlarge_buffer(bus: "can.BusABC") -> None:
 
 
 class SteadyClock:
-    """Frame times held against the host's monotonic clock."""
+    """Frame times compared with the host's monotonic clock."""
 
     MEMORY_S = 10.0
 
@@ -314,7 +313,7 @@ class SteadyClock:
 
 
 class ReplaySource:
-    """A log file as if it happened now, in its own time or as fast as it is asked for."""
+    """Log file as a source, in its own time or at the requested speed."""
 
     bit_rate: int | None = None
     behind_s: float = 0.0
@@ -394,8 +393,7 @@ class SimulatedSource(BusSource):
 
 
 def bus_opener(bus: str, bit_rate: int | None = None, options: Mapping[str, str | int] | None = None) -> Callable[[], "can.BusABC"]:
-    """What opens the bus INTERFACE:CHANNEL of python-can; AcquisitionError for an interface that it has not, what its driver raises when
-    it is opened. See `open_source`."""
+    """Return a function that opens the bus INTERFACE:CHANNEL of python-can; see `open_source`. AcquisitionError for an unknown interface."""
     interface, _, channel = bus.partition(":")
     from lmeasure.acquisition.bus.python_can import can
 
@@ -428,9 +426,10 @@ def open_source(
     paced: bool = True,
     prepare: "Callable[[can.BusABC], object] | None" = None,
 ) -> Source:
-    """Open what `--bus` names. options go to python-can's interface as they are (whole numbers as such); AcquisitionError in one line.
+    """Open the source that `--bus` names. options go to python-can's interface unchanged (whole numbers as such); AcquisitionError in one
+    line.
 
-    udp_multicast stays on this machine unless `hop_limit` says otherwise. prepare is called with the bus each time it has been opened.
+    udp_multicast stays on this machine unless `hop_limit` is set. prepare is called with the bus each time it has been opened.
     """
     interface, _, channel = bus.partition(":")
     if not interface or not channel:

@@ -24,13 +24,13 @@ from lmeasure.text import Message, count_of, joined, message
 STEPS = 3
 ASKED_DEG = 45.0
 TILTED_DEG = 5.0
-"""By which a swivel pulley is to be turned, by eye."""
+"""Angle by which you turn a swivel pulley, by eye."""
 AS_ASKED = 0.5
-"""By how many doublings that may be off: an encoder of half or twice the resolution is farther."""
+"""Doublings by which that may be off; an encoder of half or twice the resolution is farther off."""
 LEAST_TILT_DEG = 1.0
 MOVED_MM = 50.0
 PLAY_DEG = 0.5
-"""By which it may have come back to another place."""
+"""Difference [deg] allowed after the way back."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,9 @@ class EncoderCheck:
 
 @dataclass(frozen=True)
 class _Motion:
-    """Actions of a person on one sensor: before, the motion, and back. called: how the sensor is called; act: the motion for a simulated
-    cell; about, least: by how much the reading must rise, in the unit; alone: whether the others of its kind must stand still."""
+    """Actions of a user on one sensor: before, the motion, and back. called: the sensor's name; act: the motion for a simulated cell;
+    about, least: wanted and smallest rise of the reading, in the unit; alone: whether the others of its kind must stand still.
+    """
 
     before: str
     motion: str
@@ -145,7 +146,7 @@ QUIET_COUNTS = 3.0
 QUIET_DEG = 0.01
 """Spread of a counter at rest, of an encoder whichever is more."""
 CROSSTALK = 0.2
-"""Of the way of what is moved: by how much another channel of its kind may move with it."""
+"""Part of a motion by which another channel of the same kind may move with it."""
 TURN_TOLERANCE = 0.01
 """A turn by hand from mark to mark is good to a few degrees."""
 SLACK_MM = 0.5
@@ -189,7 +190,7 @@ class Check(Shown):
         ]
 
     def about(self) -> dict[str, str]:
-        """Return what each cable and encoder showed, by its name: its faults, or ok and what was counted."""
+        """Return the result of each cable and encoder by its name: its faults, or ok and its counts."""
         reported = {
             c.cable: c.faults
             or (message("acquisition.ok_mm_slack_mm", channel=c.channel, _or_not=_or_not(c.stroke_mm), _or_not_=_or_not(c.slack_mm)),)
@@ -210,10 +211,7 @@ def _or_not(value: float | None) -> str:
 
 
 def self_test(rig: Rig, link: Link, ask: Ask, *, passage: int = 1, turns: bool = True, settle_s: float = 0.3) -> Check:
-    """Walk a person through the self-test.
-
-    AcquisitionError when a channel does not show at all; it says what the bus shows instead.
-    """
+    """Walk the user through the self-test. AcquisitionError if a channel does not show at all; it names the frames on the bus instead."""
     cables = rig.cables_of(passage)
     turned = tuple(o for o in rig.observed if isinstance(o, SensorChannel) and o.passage == passage)
     watch = Watch(rig, link, passage, ask, of=1 + len(cables) * (5 if turns else 3) + STEPS * len(turned), settle_s=settle_s)
@@ -301,13 +299,13 @@ def _shared(code: str, checks: Sequence[CableCheck] | Sequence[EncoderCheck]) ->
 
 
 def _one_each(checks: Sequence[CableCheck] | Sequence[EncoderCheck]) -> bool:
-    """Whether each moved a channel of its own."""
+    """Return whether each moved a channel of its own."""
     moved = [c.moved for c in checks]
     return None not in moved and len(set(moved)) == len(moved)
 
 
 def not_corrected(result: Check) -> tuple[str, ...]:
-    """Why channels that are not those of the rig stay as they are, a line for cables and one for encoders."""
+    """Return why channels that differ from the rig's stay uncorrected, a line for cables and one for encoders."""
     out = []
     for kind, checks in (("cable", result.cables), ("encoder", result.encoders)):
         if any(c.moved not in (None, c.channel) for c in checks) and not _one_each(checks):
@@ -316,10 +314,10 @@ def not_corrected(result: Check) -> tuple[str, ...]:
 
 
 def corrected(content: Mapping[str, Any], result: Check) -> tuple[dict[str, Any], list[str]]:
-    """A rig.toml's content with the channels and signs that the self-test showed, and what was corrected, a line each. Channels are only
-    corrected where each cable, and each encoder, moved one of its own.
+    """Return a rig.toml's content with the channels and signs of the self-test, and each correction in a line. Channels are only corrected
+    if each cable, and each encoder, moved one of its own.
 
-    Without a table [can] the n-th channel is node n: where channels change their places one is written, or the nodes would go with them.
+    Without a table [can] the n-th channel is node n: if channels change places, the table is written, or the nodes would move too.
     """
     data = copy.deepcopy(dict(content))
     reported: list[str] = []

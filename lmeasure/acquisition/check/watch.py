@@ -39,17 +39,17 @@ class Moved:
 
 @dataclass(frozen=True)
 class Step:
-    """Request to a person: which step of how many at most, and how the counters stand meanwhile."""
+    """Request to the user: the step's number, the most steps, and the state of the counters meanwhile."""
 
     text: str
     number: int
     of: int
     look: Callable[[], str]
-    """Takes what has come for a tenth of a second, and says in a line what moved since the step began."""
+    """Read the frames of a tenth of a second and return a line with the motion since the step began."""
     moved: Callable[[], tuple["Moved", ...]] = tuple
     """The same of each channel, by the last look."""
     act: str = ""
-    """By which a simulated cell does it, as `play` takes it; empty where nothing is to be moved."""
+    """Action of a simulated cell for this step, in the notation of `play`; empty if nothing moves."""
     question: bool = False
     """Whether it is a question, which only a person can answer."""
 
@@ -58,21 +58,21 @@ class Step:
 
 
 STILL = 0.02
-"""Part of a motion that is asked for, within which channels stand still."""
+"""Part of the requested motion within which channels count as still."""
 HELD_S, READY_S = 1.5, 1.0
 """Time that channels are at rest after a motion, and where nothing is to be moved."""
 
 
 class Finished:
-    """Sees by the counters when a step is done: what was to move has moved, and everything has stood still since."""
+    """Watch of the counters for the end of a step: the requested motion was done, and everything has been still since."""
 
     def __init__(self, step: Step, now_s: float) -> None:
         self._step, self._since_s, self._at = step, now_s, dict[str, float]()
         self.moved = not step.act
-        """Whether there was a motion, or none is wanted."""
+        """True after a motion, or if none is wanted."""
 
     def seen(self, now_s: float) -> bool:
-        """Whether the step is done, by its last look."""
+        """Return whether the step is done, at its last look."""
         found = self._step.moved()
         self.moved = self.moved or any(one.moves for one in found)
         still = {"mm": STILL * LEAST_PULL_MM, "deg": STILL * LEAST_TURN_DEG}
@@ -83,7 +83,7 @@ class Finished:
 
 
 Ask = Callable[[Step], str]
-"""Shows a step and returns when the person has done it: "r" to do the cable again, anything else to go on."""
+"""Show a step and return when the user has done it: "r" to repeat the cable, anything else to continue."""
 AGAIN = "r"
 
 
@@ -154,7 +154,7 @@ class Watch:
         return self.last, (self._least, self._most)
 
     def until_right(self, once: Callable[[], Found], reported: Callable[[Found], tuple[str, tuple[str, ...]]]) -> Found:
-        """What a few steps found, done again as often as the person wants; determined says of what it was and which faults it has."""
+        """Return the result of a few steps, repeated as often as the user wants; reported prints it with its faults."""
         begun = self.number
         while True:
             self.number = begun

@@ -1,4 +1,4 @@
-"""From a rig and frames to counts: the assembler that the rig asks for, whole batches at once, and what only the whole run shows."""
+"""Assembly of counts from frames: the rig's assembler, whole batches at once, and faults that only the whole run shows."""
 
 import math
 from collections.abc import Iterable
@@ -75,18 +75,18 @@ class FreeAssembler:
         m = len(fields)
         self._new: list[tuple[FloatArray, IntArray]] = [(np.empty(0), np.empty(0, np.int64))] * m
         self._silent: list[FloatArray] = [np.empty(0)] * m
-        """When each channel said that it has no count."""
+        """Times at which each channel reported that it has no count."""
         self._old: list[tuple[FloatArray, FloatArray]] = [(np.empty(0), np.empty(0))] * m
         self._intervals: list[FloatArray] = [np.empty(0)] * m
         self._period: list[float | None] = [None] * m
         self._scatter = np.zeros(m)
         self._instant = np.full(m, np.nan)
-        """When the last reading of each channel came at the latest."""
+        """Latest time of the last reading of each channel."""
         self._given_to = -math.inf
         self._used_s = np.full(m, -math.inf)
-        """When the last frame of each channel came that a sample has as its own."""
+        """Time of the last frame of each channel that a sample uses as its own."""
         self._started: tuple[FloatArray, FloatArray] = (np.full(1, -math.inf), np.zeros(1))
-        """When the state of the start input was reported, and which it was; the first is that before all frames."""
+        """Times and states of the start input; the first is the state before all frames."""
 
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; give the samples that are now known. last: nothing follows, give all."""
@@ -292,9 +292,9 @@ class FreeAssembler:
 
 
 STICK_MM, STICK_DEG = 0.2, 0.02
-"""By how much a count may be off its line by itself: a cable that sticks and slips, play."""
+"""Deviation of a count from its line without a fault: a cable that sticks and slips, play."""
 TIGHT_MM, TIGHT_DEG = 1.0, 0.1
-"""Where the motion before a gap leads to within less than this, a restart at zero would be seen."""
+"""Size of a motion across a gap below which a restart at zero would be detected."""
 HARD_MM_S2, HARD_DEG_S2 = 50_000.0, 100_000.0
 """The hardest acceleration of any machine."""
 STALL_S = 1.0
@@ -367,10 +367,10 @@ def counts_from_frames(
 
 
 def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1, *, origin_s: float = 0.0) -> Counts | None:
-    """The counts with empty cells where a channel stands still while the others move, and an event for each; None where none does.
+    """Return the counts with empty cells where a channel is stuck while the others move, and an event for each; None without any.
 
-    Six cables have no redundancy: a stuck counter gives a plausible pose. That a cable keeps its length to the count while the others
-    are moved by centimetres does not happen by itself. origin_s: where the counts' times start by the frames' clock.
+    Six cables have no redundancy: a stuck counter gives a plausible pose. A cable does not keep its length to the count by itself while
+    others move by centimetres. origin_s: start of the counts' times by the frames' clock.
     """
     drums = rig.drums_of(passage)
     given = counts

@@ -28,7 +28,7 @@ MOVED = 4
 
 @dataclass(frozen=True)
 class Said:
-    """A word of the device or its master before sample `sample`, at time_s, and what it makes of the origin (`network.Word`)."""
+    """Report of the device or its master before sample `sample`, at time_s, and its effect on the origin (`network.Word`)."""
 
     sample: int
     time_s: float
@@ -69,7 +69,7 @@ class _Piece(NamedTuple):
 
 @dataclass
 class CounterState:
-    """One channel: its field, the largest rate [device units/s], whether later stages unwrap it themselves, and where it stands."""
+    """State of one channel: its field, the largest rate [device units/s], the need of unwrapping by later stages, and its count."""
 
     field: CounterField
     max_rate: float
@@ -104,7 +104,7 @@ class CounterState:
 
     @property
     def absolute(self) -> bool:
-        """Whether its count is true whatever happened to its device."""
+        """Return whether its count is true whatever happened to its device."""
         return self.codes or self.field.absolute
 
     @property
@@ -185,7 +185,7 @@ class CounterState:
         return out if good is None else np.where(good, out, np.nan)
 
     def shown(self, counts: FloatArray) -> FloatArray:
-        """(n,) counts as the counts file holds them: wrapped like the encoder's where the rig says so and later stages unwrap."""
+        """Return (n,) counts in the form of the counts file: wrapped like the encoder's if the rig states it and later stages unwrap."""
         if not self.wraps_later:
             return counts
         full = self.field.scale * self.field.modulus
@@ -225,8 +225,9 @@ class CounterState:
             self.line.learn(times, totals, usual_s, behind_gap=behind_gap)
 
     def _judge(self, piece: _Piece, suspects: IntArray, ends: int, good: BoolArray, follows: BoolArray, events: EventLog) -> IntArray:
-        """(n,) totals, wraps undone by the motion where it tells. good (n,) becomes False where the origin is lost or in doubt, follows
-        (n,) True where a count behind a gap was found to follow."""
+        """Return (n,) totals, wraps undone by the motion if it is unambiguous. good (n,) becomes False where the origin is lost or in
+        doubt, follows (n,) True where a count behind a gap was found to follow.
+        """
         totals = self.total + np.cumsum(piece.steps)
         row = 0
         for i in [*suspects.tolist(), ends]:

@@ -1,7 +1,7 @@
-"""Decoders: which bits of which frames are counters, and their values.
+"""Decoders: place and value of counters in frames.
 
-Whatever names a counter (a place in a frame, a signal of a DBC file, a J1939 parameter group, the mapping read from a CiA 406 encoder),
-it comes down to one `CounterField`; decoding and encoding know nothing else.
+Every description of a counter (a place in a frame, a signal of a DBC file, a J1939 parameter group, the mapping read from a CiA 406
+encoder) becomes one `CounterField`; decoding and encoding know nothing else.
 """
 
 import logging
@@ -42,11 +42,11 @@ NO_VALUE = re.compile(
 
 @dataclass(frozen=True)
 class CounterField:
-    """Where a counter stands and how its device counts.
+    """Place of a counter in frames and law of its device.
 
-    A frame carries it when identifier & mask agrees. first_bit is the field's least significant bit in little-endian order (bit i of byte j
-    is 8 j + i), its most significant one in big-endian order (8 j + 7 - i). modulus: units after which the device starts again; start:
-    what it shows at the start pose; recorded count = scale * (unwrapped value - start).
+    A frame carries it if identifier & mask agrees. first_bit is the field's least significant bit in little-endian order (bit i of byte j
+    is 8 j + i), its most significant one in big-endian order (8 j + 7 - i). modulus: units after which the device starts again; start: its
+    value at the start pose; recorded count = scale * (unwrapped value - start).
     """
 
     channel: str
@@ -67,9 +67,9 @@ class CounterField:
     reserved: int | None = None
     """Raw values, without a sign, from here on are no counts."""
     names: Mapping[int, str] = field(default_factory=dict)
-    """Values that are no counts, and what they are called."""
+    """Values that are no counts, and their names."""
     range_text: str = ""
-    """Where the limits come from, for messages."""
+    """Source of the limits, for messages."""
     node: int | None = None
     """Number of the CANopen node that sends it."""
     absolute: bool = False
@@ -98,7 +98,7 @@ class CounterField:
         return composed("{shown}: {why}", shown=shown, why=self.names.get(value) or self.range_text)
 
     def row(self) -> tuple[int, ...]:
-        """The field as `kernels.frames.extract` takes it: the extended flag stands above the identifier's bits."""
+        """Return the row of `kernels.frames.extract`; the extended flag is above the identifier's bits."""
         above = ALL_BITS + 1
         key = self.identifier | (above if self.extended else 0)
         return key, self.mask | above, self.first_bit, self.bits, int(self.byte_order == "big"), int(self.signed)
@@ -115,10 +115,11 @@ class CounterField:
 @dataclass(frozen=True)
 class Readings:
     """Decoded values in the order of their frames: frame (n,) position of the frame in its batch, field (n,) index of the field, value (n,)
-    int64 in device units (of an unsigned 64-bit field its two's complement), window (n,) how many SYNCs of the batch stand before
-    it. sync (k,): positions of the SYNCs. Per field positions of frames: short, those too short for it; wider, where the byte behind it
-    counted on when it passed its end: then the byte belongs to the counter, which has more bits than the rig says. void (k, 3): frame,
-    field and value where the device says that it has no count."""
+    int64 in device units (of an unsigned 64-bit field its two's complement), window (n,) number of SYNCs of the batch before it. sync (k,):
+    positions of the SYNCs. Per field positions of frames: short, those too short for it; wider, where the byte behind it counted on when it
+    passed its end: then the byte belongs to the counter, which has more bits than stated in the rig. void (k, 3): frame, field and value
+    whose value means that there is no count.
+    """
 
     frame: IntArray
     field: NDArray[np.int16]
@@ -131,10 +132,10 @@ class Readings:
 
 
 def counter_fields(rig: Rig, passage: int = 1, folder: Path = Path()) -> tuple[CounterField, ...]:
-    """The fields of the channels that the cables of one pass need, in the cables' order, as the rig's `[can]` table names them.
+    """Return the fields of the rig's `[can]` table for the cables of one pass, in the cables' order.
 
-    folder: where a DBC file's path starts, the rig file's folder. A CiA 406 table needs the devices: see `canopen_nodes`.
-    FileFormatError when the DBC file does not say what the table expects of it.
+    folder: start of a DBC file's path, the rig file's folder. A CiA 406 table needs the devices: see `canopen_nodes`. FileFormatError if
+    the DBC file lacks a signal of the table.
     """
     table = rig.can_table
     drums = rig.counters_of(passage)
@@ -222,7 +223,7 @@ def _dbc_fields(table: DbcCan, folder: Path, drums: Mapping[str, Drum | SensorTa
 
 
 def dbc_file(path: Path) -> Any:
-    """cantools' database of a DBC file, its signals as they stand: many real files contradict themselves where nobody reads them.
+    """Return cantools' database of a DBC file without its checks: many real files contradict themselves in unused signals.
 
     FileFormatError when it cannot be read.
     """
@@ -237,8 +238,7 @@ def dbc_file(path: Path) -> Any:
 
 
 def _of_signals(message: Any, wanted: list[str]) -> Any:
-    """The message with the wanted signals alone, and those that say which of them a frame carries; cantools' Error where they do not fit
-    into it or lie upon each other."""
+    """Return the message with the wanted signals and their multiplexers alone. cantools' Error if they do not fit into it or overlap."""
     from cantools.database import Message
 
     known = {s.name: s for s in message.signals}
@@ -285,8 +285,9 @@ def _dbc_field(c: DbcChannel, chosen: list[DbcChannel], database: Any, path: Pat
 
 
 def _stated_values(c: DbcChannel, signal: Any, scale: float) -> dict[str, Any]:
-    """What a DBC file says of a signal's values, in counts of `scale` a raw unit: the limits of [min|max], which are physical values and
-    say nothing where both are 0, and the named ones (VAL_) that are no counts."""
+    """Return a DBC file's limits and names of a signal's values, in counts of `scale` a raw unit. Limits [min|max] are physical values and
+    mean nothing if both are 0. Named values (VAL_) are no counts.
+    """
     if c.whole_range:
         return {}
     out: dict[str, Any] = {"names": {round(scale * v): str(name) for v, name in (signal.choices or {}).items() if is_no_value(str(name))}}
@@ -306,7 +307,7 @@ def _stated_values(c: DbcChannel, signal: Any, scale: float) -> dict[str, Any]:
 
 
 def is_no_value(name: str) -> bool:
-    """Whether a DBC file's name of a value says that it is no value: invalid, error, not available, SNA and the like."""
+    """Return whether a DBC file's name of a value means no value: invalid, error, not available, SNA and the like."""
     parted = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|[\W_]+", " ", name)
     return NO_VALUE.search(" ".join(parted.lower().split())) is not None
 
@@ -393,7 +394,7 @@ def _carries(frames: Frames, field: CounterField, frame: IntArray, value: IntArr
 
 
 def _by_readers(frames: Frames, fields: tuple[CounterField, ...], short: list[IntArray]) -> IntArray:
-    """(3, k) frame, field and value of what the readers read, in the order of the frames; short gets the frames too short."""
+    """Return (3, k) frame, field and value of the readers, in the order of the frames; short gets the frames that are too short."""
     found: list[tuple[int, int, int]] = []
     for j, f in enumerate(fields):
         if f.reader is None:
@@ -406,15 +407,14 @@ def _by_readers(frames: Frames, fields: tuple[CounterField, ...], short: list[In
 
 
 def _byte_behind(field: CounterField, fields: tuple[CounterField, ...]) -> int:
-    """The byte in which the counter would go on if it were wider than the rig says; -1 where that cannot be: it would be another counter's,
-    or no carry would reach it."""
+    """Return the byte in which a counter wider than stated would continue; -1 if it is another counter's, or no carry would reach it."""
     behind = field.bytes_needed if field.byte_order == "little" else field.first_bit // 8 - 1
     taken = {b for f in fields if (f.identifier, f.extended) == (field.identifier, field.extended) for b, _ in f.shifts()}
     return -1 if field.bits >= 63 or field.modulus != 2**field.bits or behind in taken else behind
 
 
 def encode(values: IntArray, field: CounterField, data: NDArray[np.uint8]) -> None:
-    """Write (n,) values in device units into (n, w) data bytes: what `decode` reads back."""
+    """Write (n,) values in device units into (n, w) data bytes, the inverse of `decode`."""
     bits = np.uint64(2**field.bits - 1)
     value = values.view(np.uint64) & bits
     for byte, shift in field.shifts():

@@ -8,12 +8,12 @@ from typing import Any
 from lmeasure.text import composed, count_of, joined, message
 
 EVENTS_KEPT = 10_000
-"""Of each kind; all are counted."""
+"""Most events of each kind that are kept; all are counted."""
 CONTRADICTED = 0.05
-"""Of a channel's values: where more are outside the stated range, the range is wrong."""
+"""Part of a channel's values outside the stated range from which the range is wrong."""
 
 REPAIRED = frozenset(("duplicate", "reordered", "duplicate_sync", "wrap", "stamp", "clock_wrap", "unanswered", "clock_step", "gap_step"))
-"""Kinds of events by which nothing was lost; docs/acquisition.md lists them."""
+"""Kinds of events without a loss; docs/acquisition.md lists them."""
 MARKED = frozenset((
     "gap", "conflict", "short_frame", "missing_sync", "jump", "no_value", "doubt", "reset", "lost_wrap", "stall",
     "time", "pause", "wider", "emcy", "nmt", "bus_error", "error_passive", "bus_off", "overflow", "unread", "heartbeat",
@@ -37,7 +37,7 @@ class Event:
 
     @property
     def repaired(self) -> bool:
-        """Whether nothing was lost by it."""
+        """Return whether it lost nothing."""
         return self.kind in REPAIRED
 
 
@@ -48,11 +48,10 @@ class EventLog:
     kept: list[Event] = field(default_factory=list)
     tally: Counter[str] = field(default_factory=Counter)
     steps: dict[str, tuple[float, str]] = field(default_factory=dict)
-    """Of each channel the largest step that a gap may hide [mm or degrees], and that in words."""
+    """Largest step [mm or degrees] of each channel that a gap may hide, and that in words."""
     values: dict[str, list[int]] = field(default_factory=dict)
-    """Of each channel whose values are limited: how many came, and how many are no counts."""
+    """Number of values of each channel with limited values, and of those that are no counts."""
     limits: dict[str, str] = field(default_factory=dict)
-    """Which limits these are."""
     reserved: dict[str, bool] = field(default_factory=dict)
     """Whether a standard reserves these values."""
 

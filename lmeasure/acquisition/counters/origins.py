@@ -27,7 +27,8 @@ GAP = 1.6
 """Periods without a reading, in a log or of a free timer: behind them the motion decides whether the origin is the same."""
 PAUSE_PERIODS, PAUSE_S = 10.0, 0.25
 """The same for SYNCs of a live bus, in periods and seconds, and the pause of a bus that is reported. A busy host takes frames late, or
-loses SYNCs, for that long while every encoder runs on. A log cannot be asked: there a single missing period is judged."""
+loses SYNCs, for that long while every encoder runs on. In a log a single missing period is already a gap.
+"""
 WINDOW_S = 0.02
 """Window for speeds and accelerations."""
 READINGS = 3
@@ -177,8 +178,9 @@ def folded(difference: FloatArray, modulus: FloatArray) -> FloatArray:
 
 
 class GoneOn:
-    """Counts of m channels, given one piece after the other, without the turns after which absolute encoders, modulus (m,), begin anew:
-    they go on from the first that was seen."""
+    """Counts of m channels, given piece by piece, without the turns of absolute encoders with modulus (m,): they continue from the first
+    count.
+    """
 
     def __init__(self, modulus: FloatArray) -> None:
         self._modulus, self._latest = modulus, np.full(len(modulus), np.nan)

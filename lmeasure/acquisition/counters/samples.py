@@ -201,7 +201,7 @@ class SyncAssembler:
         self.stamps_moved_s = 0.0
         self.syncs = self.given = 0
         self._latest_s = -np.inf
-        """When the last frame came, without the shift of the times."""
+        """Time of the last frame, without the shift of the times."""
 
     def feed(self, frames: Frames, last: bool = False) -> Samples:
         """Take a batch; return the samples that are now known. last: nothing follows, return all."""

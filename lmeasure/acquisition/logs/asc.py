@@ -58,7 +58,7 @@ ASC_EVENTS: tuple[tuple[str, re.Pattern[str]], ...] = (
     ("comment or marker", re.compile(r"gm(group|marker)|comment", re.IGNORECASE)),
     ("frame of another bus", re.compile(r"(l\d+|li|fr|m\d+|most\w*|eth|afdx|a429|wlan|k-?line|j1587|j1708|j1939tp)\s", re.IGNORECASE)),
 )
-"""Events that are no frames, by what is behind their time."""
+"""Events that are no frames, by the text behind their time."""
 ASC_STATE = re.compile(
     r"can(?:fd)?\s+(\d+)\s+status\s*:\s*chip status (bus ?off|error passive|warning (?:level|limit))"
     r"(?:\s*-\s*txerr:\s*(\d+)\s+rxerr:\s*(\d+))?",
@@ -72,7 +72,7 @@ DATE_FORMATS = ("%m %d %I:%M:%S.%f %p %Y", "%m %d %I:%M:%S %p %Y", "%m %d %H:%M:
 
 
 def asc_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frames]:
-    """Frames of an ASC log. Where its header says `timestamps relative`, each time counts from the event before and is summed."""
+    """Yield the frames of an ASC log. With `timestamps relative` in its header, the times are differences, and are summed."""
     dialect = _Asc(path)
     yield from scanned_batches(path, blocks_of_lines(path, file, report), dialect, report)
     if dialect.block_open:
@@ -146,7 +146,6 @@ class _Asc:
         self.start_s = started
 
     def _frames(self, rest: str) -> Frames:
-        """Frames of what is behind the time."""
         from lmeasure.acquisition.bus.python_can import can
 
         if named := ASC_NAMED.match(rest):

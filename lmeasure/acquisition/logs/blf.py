@@ -28,7 +28,7 @@ CONTAINERS_AHEAD = 8
 SIGNATURE = b"LOBJ"
 PADDING = 4
 LOST = (91, 125)
-"""Kinds by which the recorder states that it lost data."""
+"""Kinds of objects by which the recorder states lost data."""
 KINDS = {
     "overload frame": (3,),
     "statistics": (4,),
@@ -94,7 +94,7 @@ class _Scan:
         return parts[0] if len(parts) == 1 else join(parts)
 
     def close(self) -> None:
-        """Count the known objects, and say where the last one is cut off."""
+        """Count the known objects, and report where the last one is cut off."""
         if self.tail.strip(b"\0") and not self.broken:
             self._end(message("log.last_object_not_whole", frame=self.frames), NOT_WHOLE)
         for number in np.flatnonzero(self.known).tolist():
@@ -184,7 +184,7 @@ def _pieces(file: BinaryIO, report: LogReport) -> Iterator[tuple[bool, bytes]]:
 
 
 def _bodies(file: BinaryIO, report: LogReport) -> Iterator[tuple[int | None, bytes]]:
-    """(compression method, packed bytes) of each log container; (None, objects) of what is between them."""
+    """Yield (compression method, packed bytes) of each log container, and (None, objects) between them."""
     from lmeasure.acquisition.bus.python_can import can
 
     head = can.io.blf.OBJ_HEADER_BASE_STRUCT.size

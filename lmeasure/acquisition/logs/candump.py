@@ -34,7 +34,7 @@ ERROR_LINE = re.compile(r"\s[2367abef][0-9a-f]{7}#", re.IGNORECASE)
 
 
 def candump_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frames]:
-    """Frames of a `candump -L` log. An identifier with the error flag is an error frame, of whatever class."""
+    """Yield frames of a `candump -L` log. An identifier with the error flag is an error frame of any class."""
     yield from scanned_batches(path, blocks_of_lines(path, file, report), _Candump(path), report)
 
 

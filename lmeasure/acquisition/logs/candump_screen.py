@@ -124,7 +124,7 @@ class _Screen:
 
 
 def _data(rest: str, length: int) -> bytes:
-    """The data bytes; what may follow them is the same as ASCII between quotation marks."""
+    """Return the data bytes; the text in quotation marks behind them is the same as ASCII."""
     shown = rest.split("'", 1)[0]
     if "`" in shown:
         return data_bytes(shown.strip().split("`"))[::-1]

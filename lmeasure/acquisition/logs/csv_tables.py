@@ -34,7 +34,7 @@ PYTHON_CAN_COLUMNS = ("timestamp", "arbitration_id", "extended", "remote", "erro
 SEPARATORS = ",;\t"
 YES, NO = ("true", "1"), ("false", "0")
 SECONDS = re.compile(r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
-"""As Python writes small numbers."""
+"""Number of seconds, also in Python's notation of small ones."""
 
 
 class _Csv:

@@ -1,4 +1,4 @@
-"""From log files of CAN frames to a run: each log is one pass of the motion."""
+"""Import of logs of CAN frames as a run: each log is one pass of the motion."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -23,7 +23,7 @@ from lmeasure.text import Lines, message
 
 SHOWN_IDENTIFIERS = 12
 PAUSE_S = 5.0
-"""In which no counter of a bus that is recorded says anything: an interruption."""
+"""Time without any counter on a recorded bus that counts as an interruption."""
 SHOWN_SEAMS = 3
 
 
@@ -48,7 +48,7 @@ class Survey:
         self.errors += int(len(frames) - data.sum())
 
     def lines(self) -> list[str]:
-        """For people: the buses, and the most frequent identifiers."""
+        """Return lines with the buses, and the most frequent identifiers."""
         most = self.identifiers.most_common(SHOWN_IDENTIFIERS)
         shown = ", ".join(f"{_name(i)} ({n})" for i, n in sorted(most))
         more = f" and {len(self.identifiers) - len(most)} more" if len(self.identifiers) > len(most) else ""
@@ -80,7 +80,7 @@ class ImportedLog:
     fields: tuple[CounterField, ...]
 
     def lines(self) -> list[str]:
-        """For people: what was found in it."""
+        """Return lines with the content of the log."""
         duration = float(self.counts.time_s[-1])
         return [
             message(
@@ -98,7 +98,7 @@ class ImportedLog:
         ]
 
     def seams(self) -> list[str]:
-        """Where the log may be two recordings, one behind the other, by the log's own clock: one line each for the first of them."""
+        """Return a line for each of the first places where the log may be two recordings, one behind the other, by the log's own clock."""
         advice = message("log.two_recordings")
         times = self.counts.time_s
         out: list[str] = []
@@ -115,14 +115,13 @@ class ImportedLog:
 
 @dataclass(frozen=True)
 class Imported:
-    """A run made of logs, what each of them held, and the files by name that the rig's `[can]` table names."""
+    """Run from logs, the content of each log, and the files that the rig's `[can]` table names, by name."""
 
     run: Run
     logs: tuple[ImportedLog, ...]
     beside: Mapping[str, bytes] = field(default_factory=dict)
 
     def summary(self) -> str:
-        """For people."""
         return Lines(line for log in self.logs for line in log.lines())
 
 
@@ -137,11 +136,11 @@ def import_logs(
     bus: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Imported:
-    """The n-th log as the n-th pass of a run.
+    """Import the n-th log as the n-th pass of a run.
 
     start (7,) is the pose at which the counters were zeroed, None where it is unknown: logs do not hold it; u_start its uncertainty, as
-    `Run` takes it. folder is where the rig file stands, bus the name of the bus to read where the counters stand on several.
-    FileFormatError and AcquisitionError name the log and what it lacks.
+    `Run` takes it. folder is the rig file's folder, bus the name of the bus to read if several carry the counters. FileFormatError and
+    AcquisitionError name the log and its fault.
     """
     logs = tuple(logs)
     if len(logs) != rig.passes:
@@ -190,7 +189,7 @@ def fields_of_log(rig: Rig, passage: int, folder: Path, log: Path) -> tuple[Coun
 def _of_one_bus(
     batches: Iterable[Frames], fields: tuple[CounterField, ...], sync_id: int, bus: str | None, survey: Survey, log: Path
 ) -> Iterator[Frames]:
-    """The batches as surveyed, only those of the bus where one is named; AcquisitionError where a counter or SYNC stands on several."""
+    """Yield the surveyed batches, only of the bus if it has a name; AcquisitionError if a counter or SYNC is on several."""
     where: dict[str, set[str]] = {}
     for batch in batches:
         survey.feed(batch)
@@ -213,7 +212,7 @@ def _of_one_bus(
 
 
 def with_files_beside(rig: Rig, folder: Path) -> tuple[Rig, dict[str, bytes]]:
-    """The rig, its `[can]` table's DBC or EDS file taken to stand beside it, and that file's bytes by its name; folder: where it is now."""
+    """Return the rig with its `[can]` table's DBC or EDS file beside it, and that file's bytes by its name; folder: its present folder."""
     key = "dbc" if isinstance(rig.can, DbcCan) else "eds" if isinstance(rig.can, CanOpenCan) and rig.can.eds else None
     if rig.can is None or key is None:
         return rig, {}
@@ -245,9 +244,9 @@ def with_dbc(rig: Rig, dbc: Path) -> Rig:
 
 
 def write_import(out: Path, imported: Imported, suffix: str = ".csv", *, force: bool = False) -> None:
-    """Write the run folder, with the faults of each pass beside its counts, and where they came from under `[[recording]]` in run.toml.
+    """Write the run folder, with the faults of each pass beside its counts, and their source under `[[recording]]` in run.toml.
 
-    OverwriteError where a file that the rig names is in the folder with other bytes, and force does not say to replace it.
+    OverwriteError if a file that the rig names is in the folder with other bytes, unless force is set.
     """
     for name, content in imported.beside.items():
         if not force and (out / name).exists() and files.read_bytes(out / name) != content:

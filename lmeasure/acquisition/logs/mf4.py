@@ -18,12 +18,12 @@ from lmeasure.text import message
 
 MESSAGES_AT_ONCE = 20_000
 LONGEST_S = 120.0
-"""For which the other process may work on so many messages."""
+"""Longest time of the other process for one batch of messages."""
 READ = "import sys; from lmeasure.acquisition.logs.mf4 import read_aside; read_aside(sys.argv[1])"
 
 
 def mf4_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frames]:
-    """Yield frames as the other process reads them. Whatever goes wrong in it ends the reading."""
+    """Yield frames from the other process. Any failure in it ends the reading."""
     del file  # the other process opens it
     if importlib.util.find_spec("asammdf") is None:
         raise FileFormatError(message("error.mf4_needs_the_package", where=path, install=how_to_install("mf4")))
@@ -45,7 +45,7 @@ def mf4_batches(path: Path, file: BinaryIO, report: LogReport) -> Iterator[Frame
 
 
 def _next(child: "subprocess.Popen[bytes]") -> Frames | str:
-    """Return what the other process reads next, at the end why it read no further."""
+    """Return the next batch of the other process, or at the end the reason."""
     patience = threading.Timer(LONGEST_S, child.kill)
     patience.start()
     try:

@@ -1,9 +1,9 @@
 """Log files of CAN frames, read in batches of bounded size: BLF, ASC and candump by compiled scans, TRC, candump's screen and CSV line by
 line, MF4 by python-can's reader.
 
-A log that breaks off gives everything up to the break, and the report says where. Every line or object is a frame, of a known other
-kind, or counted as unread; nothing is guessed.
-Times are those of python-can's readers with absolute times: what the log says plus the start it states (0 where it states none).
+A log that breaks off gives everything up to the break, and the report says where. Every line or object is a frame, of a known other kind,
+or counted as unread; nothing is guessed. Times are those of python-can's readers with absolute times: the log's times plus its stated start
+(0 without one).
 """
 
 import gzip
@@ -53,7 +53,7 @@ OTHERS = (
 
 
 def advice_for(suffix: str = "", line: str = "") -> str:
-    """Return what to do with a log of that suffix, or with such a line; empty where it is not known."""
+    """Return advice for a log of that suffix, or for such a line; empty if none is known."""
     by_line = (one for one in OTHERS if one.typical_line and re.fullmatch(one.typical_line, line, re.IGNORECASE))
     found = next((one.name for one in OTHERS if suffix in one.suffixes), "") or next((one.name for one in by_line), "")
     return message(f"log.other.{found}", savvycan=message("log.savvycan"), ros=message("log.ros")) if found else ""
@@ -72,14 +72,13 @@ FORMATS: tuple[LogFormat, ...] = (
 GROUP = "lmeasure.log_formats"
 
 HEAD_BYTES = 1 << 16
-"""Beginning of a text log, by which its format is detected."""
 HEAD_LINES = 200
 SHOWN = 60
 NEW_LINE = "\n"
 
 
 def log_suffixes() -> tuple[str, ...]:
-    """Return the suffixes of files that are logs whatever they contain, in small letters."""
+    """Return the suffixes, in small letters, of files that are logs whatever they contain."""
     return _suffixes((*FORMATS, *plug_ins(GROUP, LogFormat)[0].values()))
 
 
@@ -88,7 +87,7 @@ def _suffixes(formats: Iterable[LogFormat], *, possible: bool = False) -> tuple[
 
 
 def format_of(path: Path, suffix: str, head: bytes) -> LogFormat:
-    """Return the format of a log of that suffix (without .gz) that begins with `head`; FileFormatError names what reads it."""
+    """Return the format of a log of that suffix (without .gz) that begins with `head`; FileFormatError names the program that reads it."""
     usual = next((one for one in FORMATS if suffix in one.suffixes), None)
     if usual is not None and usual.suffix_decides:
         return usual
@@ -126,7 +125,7 @@ def _first_typical(formats: Iterable[LogFormat], lines: Iterable[str]) -> tuple[
 
 
 def _advised(suffix: str, formats: Iterable[LogFormat]) -> str:
-    """Say what may be done with a file of an unknown suffix."""
+    """Return advice for a file of an unknown suffix."""
     every = tuple(formats)
     advice = advice_for(suffix)
     known, bare = (", ".join(found) for found in (_suffixes(every, possible=True), _suffixes(one for one in every if not one.packed)))

@@ -39,9 +39,9 @@ BROKEN_FRAME, UNKNOWN_LINE, NO_END = "broken", "unknown", "without an end"
 class LogReport:
     """Account of every line or object of a log; it grows while batches are taken.
 
-    frames + known + unread = total. dialect: kind of log, in words; unit: what total counts ("lines", "objects" of BLF, "records" of MF4);
-    known_kinds and unread_kinds: how many of each kind, by name; first_unread: where the first unread one is, its text and the reason;
-    ended_early: why reading stopped before the proper end, or None; remarks: other facts, such as losses that the recorder states itself.
+    frames + known + unread = total. dialect: kind of log, in words; unit: noun of the total ("lines", "objects" of BLF, "records" of MF4);
+    known_kinds and unread_kinds: how many of each kind, by name; first_unread: place, text and reason of the first unread one; ended_early:
+    reason for a stop before the proper end, or None; remarks: other facts, such as losses that the recorder states itself.
     """
 
     dialect: str = ""
@@ -65,7 +65,7 @@ class LogReport:
         return self.unread_kinds.total()
 
     def cannot_read(self, line: bytes, why: str, place: str, kind: str = BROKEN_FRAME) -> None:
-        """Count a line or object as unread; place says where it is."""
+        """Count a line or object at `place` as unread."""
         if not self.unread:
             shown = line[:SHOWN_BYTES].decode("utf-8", "replace").strip()
             template = "{place}: {shown} ({why})" if shown else "{place} ({why})"
@@ -73,7 +73,7 @@ class LogReport:
         self.unread_kinds[kind] += 1
 
     def close(self) -> None:
-        """Count what no reader accounted for as unread: the sum must match."""
+        """Count everything that no reader counted as unread: the sum must match."""
         if missing := self.total - self.frames - self.known - self.unread:
             self.unread_kinds["not accounted for"] += missing
 
@@ -158,7 +158,7 @@ def read_into(room: memoryview, file: BinaryIO, report: LogReport) -> int:
 
 
 def read_some(file: BinaryIO, size: int, report: LogReport) -> bytes:
-    """At most size bytes, as `read_into`."""
+    """Return at most size bytes, as in `read_into`."""
     room = bytearray(size)
     return bytes(memoryview(room)[: read_into(memoryview(room), file, report)])
 
@@ -249,7 +249,7 @@ DECIMAL = re.compile(r"[+-]?\d+([.,]\d*)?", re.ASCII)
 
 
 class Line(NamedTuple):
-    """A frame as a line tells it: time [s], identifier, flags, length (of a remote frame: bytes asked for), data, bus."""
+    """Frame of a line: time [s], identifier, flags, length (of a remote frame: bytes requested), data, bus."""
 
     time_s: float
     identifier: int
@@ -263,7 +263,7 @@ class Lines(Protocol):
     """Lines of one log. Each can be read by itself, once the header is known."""
 
     def read(self, line: str) -> Line | str:
-        """Return the line's frame, or the kind of a line that is none; ValueError where nobody can read it."""
+        """Return the line's frame, or the kind of a line that is none; ValueError if it is unreadable."""
 
 
 def by_lines(lines: Callable[[Path], Lines]) -> Batches:
@@ -384,7 +384,7 @@ class ScannedLines(Protocol):
         """Names of the channels met so far."""
 
     def odd(self, line: bytes) -> Frames | str:
-        """Frames of one line, or the kind of a line that is none; ValueError where nobody can read it."""
+        """Return the frames of one line, or the kind of a line that is none; ValueError if it is unreadable."""
 
 
 def scanned_batches(path: Path, blocks: Iterable[Bytes], dialect: ScannedLines, report: LogReport) -> Iterator[Frames]:

@@ -1,7 +1,7 @@
-"""Contents of a log whose counters nobody has located: identifiers, rates, which bytes move and how, and a guess at the `[can]` table.
+"""Contents of a log with unknown counters: identifiers, rates, motion of bytes, and a guess at the `[can]` table.
 
-A counter of a drum moves little from frame to frame against its range; a cyclic number counts the frames; a checksum does anything. So
-bytes are taken for a counter when its steps, the range gone round, stay a small part of the range, and are not all the same.
+A drum's counter moves little from frame to frame compared with its range. A cyclic number counts frames; a checksum moves at random. So
+bytes are a counter if its steps, modulo the range, are a small part of the range and not all the same.
 """
 
 import time
@@ -24,7 +24,7 @@ from lmeasure.text import composed, message
 KEPT = 200_000
 """Frames of an identifier that are looked at."""
 LEAST = 8
-"""Frames that tell how bytes move."""
+"""Fewest frames from which the motion of bytes can be judged."""
 SMALL = 1.0 / 16.0
 """Part of a field's range that a counter steps by at most, but for a few of its steps."""
 FEW = 0.01
@@ -36,7 +36,7 @@ ALIKE = 0.98
 SELECTED = 32
 """Counters that one identifier carries in turn, at most."""
 SPREAD = 0.25
-"""Periods of a SYNC by which the delays of its answers differ at most."""
+"""Most periods of a SYNC by which the delays of its answers differ."""
 WIDTHS = (4, 3, 2)
 DATED_S = 1e8
 """Seconds since 1970 are more, those of a device's own clock less."""
@@ -45,7 +45,7 @@ Bytes = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Field:
-    """A counter-like number at bytes first .. first + size of a frame: its order, from and to what it went, its largest step."""
+    """Counter-like number at bytes first .. first + size of a frame: its order, first and last value, and largest step."""
 
     first: int
     size: int
@@ -102,11 +102,11 @@ class Carried:
 
     @property
     def name(self) -> str:
-        """As logs write it."""
+        """Return the identifier in the notation of logs."""
         return f"{self.identifier:08X}x" if self.extended else f"{self.identifier:03X}"
 
     def lines(self) -> list[str]:
-        """A line, and one for each thing in its bytes."""
+        """Return a line, and one for each number in its bytes."""
         size = ",".join(map(str, self.lengths))
         head = message("acquisition.s_bytes", name=self.name, bus=self.bus, frames=self.frames, rate_hz=self.rate_hz, size=size)
         reported = [message("acquisition.answers_every_sync", n=ordinal(self.answers))] if self.answers not in (None, 1) else []
@@ -115,7 +115,7 @@ class Carried:
 
 @dataclass(frozen=True, repr=False)
 class Scan(Shown):
-    """All identifiers of a log, its dialect, the time of its first frame [s] and how long it lasts [s], and what could not be read."""
+    """Identifiers of a log, its dialect, the time of its first frame [s], its duration [s], and its unread lines."""
 
     path: Path
     dialect: str
@@ -143,7 +143,7 @@ class Scan(Shown):
 
     @property
     def times(self) -> str:
-        """Return what its times are."""
+        """Return the kind of its times in words."""
         return message("log.times_of_day" if self.begins_s > DATED_S else "log.times_own")
 
     def table(self) -> list[str]:
@@ -168,7 +168,7 @@ class Scan(Shown):
         return lines
 
     def lines(self) -> list[str]:
-        """For people: the identifiers, then the guess."""
+        """Return lines with the identifiers, then the guess."""
         out = [
             message(
                 "scan.head",
@@ -211,7 +211,7 @@ class Heard:
         self._frames += len(batch)
 
     def scan(self, path: Path, dialect: str, notes: tuple[str, ...] = ()) -> Scan:
-        """Return what they were, by now; there must be some."""
+        """Return the scan of the frames so far; there must be some."""
         carried = tuple(_carried(key, self.found[key]) for key in sorted(self.found))
         carried, sync = _synchronised(carried, [self.found[key] for key in sorted(self.found)])
         begins = min(seen.first_s for seen in self.found.values())
@@ -230,7 +230,7 @@ class Seen:
     lengths: frozenset[int] = frozenset()
     data: tuple[Bytes, ...] = ()
     at: tuple[tuple[IntArray, FloatArray], ...] = ()
-    """Where those stand among all frames, and their times."""
+    """Places of those among all frames, and their times."""
     newest: bytes = b""
 
     @property
@@ -255,7 +255,9 @@ def _take(batch: Frames, found: dict[tuple[str, int, bool], Seen], before: int) 
 
 
 def _synchronised(carried: tuple[Carried, ...], seen: list[Seen]) -> tuple[tuple[Carried, ...], Carried | None]:
-    """What is carried, each counter with which SYNCs it answers, and the SYNC: that which most counters answer, 80h before others."""
+    """Return the carried objects, each counter with the SYNCs that it answers, and the SYNC: that which most counters answer, 80h before
+    others.
+    """
     best: tuple[tuple[int, bool, int], int, dict[int, int]] | None = None
     counters = [i for i, c in enumerate(carried) if c.counters]
     for i, one in enumerate(carried):
@@ -275,7 +277,7 @@ def _synchronised(carried: tuple[Carried, ...], seen: list[Seen]) -> tuple[tuple
 
 
 def _may_be_sync(one: Carried, seen: Seen) -> bool:
-    """Whether frames have no data, or one byte that counts up and starts again at 0 or 1."""
+    """Return whether frames have no data, or one byte that counts up and starts again at 0 or 1."""
     if one.frames < LEAST or one.lengths not in {(0,), (1,)}:
         return False
     if one.lengths == (0,):
@@ -445,9 +447,9 @@ def listen(
     show: Callable[[float, tuple[Spoken, ...]], None] | None = None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Scan:
-    """Listen for so long, or until `stop` says so; nothing is sent. show gets it all the while: seconds, and who has spoken.
+    """Listen for so many seconds, or until `stop` is true, without sending. show gets the seconds and the senders so far.
 
-    AcquisitionError where nothing comes, and where what comes cannot be read.
+    AcquisitionError if no frame comes, or frames cannot be read.
     """
     heard, lights, errors = Heard(), _Lights(), 0
     begin = time.monotonic()
