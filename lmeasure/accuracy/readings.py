@@ -176,8 +176,7 @@ def determined(readings: Readings, poses: FloatArray) -> Determined:
 
 def faults_at(readings: Readings, found: Determined) -> tuple[Faults, FloatArray]:
     """Return the faults that the readings would show at k known poses, and the effect (k, M) on the tool position [mm] of one just not
-    found.
-    """
+    found."""
     m = len(readings.rows)
     S = readings.V + np.diag(readings.drums) + found.L @ np.swapaxes(found.L, 1, 2)
     # angles and lengths as multiples of what they scatter by

@@ -43,8 +43,7 @@ def digest_of(arrays: Mapping[str, Any]) -> str:
 @dataclass(frozen=True)
 class Plan:
     """Scanned poses, as arrays; see `kernels.zone.scan` for cables ... bodies. positions (n, 3) [mm]; quaternions (k, 4); order (m,): the
-    order of cables in the lanes; for six cables the first three are inverted first; nodes_per_chunk: the size of a chunk.
-    """
+    order of cables in the lanes; for six cables the first three are inverted first; nodes_per_chunk: the size of a chunk."""
 
     cables: FloatArray
     positions: FloatArray
@@ -189,8 +188,7 @@ def run(
 ) -> tuple[FloatArray, IntArray]:
     """Return figures (F, n) and flags (n,) of all positions. workers: threads, by default one per core this process may use; scheduler:
     address of a dask scheduler that computes the chunks instead; checkpoint: folder of finished chunks, from which a killed scan continues.
-    AccuracyError if the folder belongs to another scan, or the scheduler cannot be reached.
-    """
+    AccuracyError if the folder belongs to another scan, or the scheduler cannot be reached."""
     kept = None if checkpoint is None else _Kept(checkpoint, plan)
     n = len(plan.positions)
     figures, flags = np.empty((len(kernels.FIGURES), n)), np.empty(n, np.int64)

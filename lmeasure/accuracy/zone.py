@@ -348,8 +348,7 @@ def drum_variance(
 ) -> FloatArray:
     """Return the (m,) variance [mm^2] of the lengths from run-out and play of drums and pulleys, as stated by the rig or left by a
     calibration. It is the mean over poses of the scan: drum and pulley may turn many times from the start to a pose. Correlations with
-    guides and points in the calibration are ignored, which makes it larger.
-    """
+    guides and points in the calibration are ignored, which makes it larger."""
     effects = sensors.Unsolved(rig, sensors.of_record(rig, calibration))
     # of play that is known, nobody knows where in its band a counter was zeroed
     known = sensors.every_part(rig, rig.cable).values[:, sensors.PLAY] * rig.cable_rows()[:, COUNT_LENGTH] / rig.scales()
@@ -385,8 +384,7 @@ def assumed_in_zone(
     rig: Rig, calibration: CalibrationRecord | None, positions: FloatArray, rotations: Rotation, *, start: FloatArray, share: float = 0.5
 ) -> Assumed:
     """Return the part of U95 from typical sizes that nobody stated, at the best share of a scan's positions. Start and temperature are a
-    run's.
-    """
+    run's."""
     model = RunModel(rig.zeroed_at(start), start, calibration)
     try:
         budget = Budget(model)
@@ -479,8 +477,7 @@ Range = tuple[float, float, float]
 
 def box_around(rig: Rig) -> tuple[Range, Range, Range]:
     """Return (start, stop, step) along x, y, z [mm, base frame]: the box of the observation points and of the base frame's origin, at the
-    robot's foot. Its edges are whole multiples of one step: 1, 2 or 5 times a power of ten.
-    """
+    robot's foot. Its edges are whole multiples of one step: 1, 2 or 5 times a power of ten."""
     points = np.array([(0.0, 0.0, 0.0), *(rig.point(name).position_mm for name in dict.fromkeys(c.from_point for c in rig.cable))])
     low, high = points.min(axis=0), points.max(axis=0)
     longest = max(float((high - low).max()), LEAST_MM)

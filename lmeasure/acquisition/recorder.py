@@ -41,8 +41,7 @@ STALE_S = 2.0
 @dataclass(frozen=True)
 class Progress:
     """State of counting for a display: counts, counts/s and mm/s per channel, NaN where none came for `STALE_S`; latency_s from a frame's
-    own time to its count, if one clock measures both.
-    """
+    own time to its count, if one clock measures both."""
 
     seconds: float
     frames: int
@@ -85,8 +84,7 @@ class Counting:
 
     def receive(self, seconds: float) -> Frames | None:
         """Return the frames of the next seconds, in microseconds as in logs, so that reading them again gives the same. None at the
-        source's end.
-        """
+        source's end."""
         frames = self.source.receive(seconds)
         self._noticed += self.source.notices()
         return frames if frames is None or not len(frames) else replace(frames, time_s=np.round(frames.time_s, 6))

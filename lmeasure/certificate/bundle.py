@@ -1,9 +1,9 @@
-"""The folder of a certificate: everything it was made of and printed as, under a manifest that names every byte of it.
+"""The folder of a certificate: its inputs and printed forms, under a manifest with the digest of each file.
 
-    DIR/certificate.json, certificate.pdf, report.html, certificate.xml   what was found, for machines and people
-    DIR/inputs/...                                                        copies of all files it was found from
+    DIR/certificate.json, certificate.pdf, report.html, certificate.xml   the results, for machines and people
+    DIR/inputs/...                                                        copies of all input files
     DIR/manifest.json                                                     size and SHA-256 of each of these files
-    DIR/signature.json                                                    Ed25519 signature of manifest.json, when a key was given
+    DIR/signature.json                                                    Ed25519 signature of manifest.json, if you gave a key
 
 The .zip of a folder has the same bytes wherever it is made (stored, in order, without dates), so that it can be checked by making it again.
 """
@@ -38,7 +38,7 @@ CHUNK = 2**20
 
 @dataclass(frozen=True)
 class Difference:
-    """A file of the bundle, or a figure, and what is not as it should be."""
+    """A file of the bundle, or a result, and its difference."""
 
     what: str
     text: str
@@ -87,7 +87,7 @@ def new_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
 
 
 def _publish(temporary: Path, target: Path) -> None:
-    """Give a folder its name; what had that name before is left under the temporary name."""
+    """Give a folder its name; the earlier content of that name keeps the temporary name."""
     if not target.exists() or not any(target.iterdir()):
         with contextlib.suppress(OSError):
             target.rmdir()
@@ -105,7 +105,7 @@ def _publish(temporary: Path, target: Path) -> None:
 
 
 def _recover(target: Path) -> None:
-    """Undo what a killed process has left of a folder: its earlier content gets its name back, unfinished content is removed."""
+    """Repair a folder after a killed process: earlier content gets its name back, unfinished content is removed."""
     for left in files.abandoned(target.parent):
         if left.name != target.name or not left.path.is_dir():
             continue
@@ -208,7 +208,7 @@ def seal(folder: Path, certificate_id: str, known: list[dict[str, Any]], key: An
 
 @dataclass(frozen=True)
 class Seal:
-    """Result of a check of every byte of a bundle. signer: fingerprint of the key that signed it, None where nobody did."""
+    """Result of a check of every byte of a bundle. signer: fingerprint of the key that signed it, None without one."""
 
     differences: tuple[Difference, ...]
     signer: str | None
@@ -326,7 +326,7 @@ def write_zip(path: Path, folder: Path) -> None:
 
 
 def sidecar(path: Path) -> Path:
-    """Where the digest of a .zip stands."""
+    """Return the path of a .zip's digest."""
     return path.with_name(path.name + ".sha256")
 
 
@@ -374,7 +374,7 @@ def _extract(path: Path, folder: Path) -> list[str]:
 
 
 class _Sink:
-    """Collects what zipfile writes, for a reader that takes it away in pieces; it cannot seek."""
+    """Writer for zipfile whose content a reader takes away in pieces; it cannot seek."""
 
     def __init__(self) -> None:
         self.pieces: list[bytes] = []

@@ -1,13 +1,13 @@
 """Certificates side by side: one robot over time, or robots of one type (ISO 9283:1998, 7.6 exchangeability).
 
 Two questions are kept apart. Whether two figures differ at all is limited by the instrument: their difference has the random parts of both
-and, unless both were measured by the same calibration, their systematic parts. Whether a robot has moved is limited by its own scatter
-too: the means of few cycles differ by chance, and that is tested by Hotelling's T-squared of the attained positions.
+and, unless both were measured by the same calibration, their systematic parts. Whether a robot has moved is limited by its own scatter too:
+the means of few cycles differ by chance, and that is tested by Hotelling's T-squared of the attained positions.
 
-A measured distance from a commanded pose is too long on the average: what the robot scatters by and the instrument errs by has a length of
-its own. So the least mean distance is found by test inversion: the smallest, along the measured one, under which so much would not be
-improbable. The largest is the larger of two: a robot that was corrected by the same instrument stands where that instrument sees it right,
-so that its measured distance tells nothing of what both measurements err by, and the true errors are the measured ones less that.
+A measured distance from a commanded pose is too long on the average: the robot's scatter and the instrument's errors have a length of their
+own. So the least mean distance is found by test inversion: the smallest, along the measured one, under which the measurement would not be
+improbable. The largest is the larger of two: a robot corrected by the same instrument is right in the eyes of that instrument. Its measured
+distance does not contain the errors common to both measurements, and the true errors are the measured ones minus those.
 """
 
 import itertools
@@ -42,7 +42,7 @@ class Change:
 
     @property
     def beyond(self) -> bool:
-        """The instrument tells the two apart."""
+        """Return whether the instrument can distinguish the two."""
         return abs(self.later - self.first) > self.u95
 
 
@@ -73,7 +73,7 @@ class Pair:
     changes: tuple[Change, ...]
     shifts: tuple[Shift, ...]
     otherwise: tuple[str, ...] = ()
-    """Poses and paths of both, and what of them was commanded otherwise: they are not compared."""
+    """Poses and paths with different commands in the two certificates: they are not compared."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Exchangeability:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All certificates against the first, in the order of their dates. kind: what they are certificates of."""
+    """All certificates against the first, in the order of their dates. kind: the subject of the certificates."""
 
     kind: str
     names: tuple[str, ...]
@@ -158,7 +158,7 @@ def _notes(certificates: Sequence[tuple[str, dict[str, Any]]]) -> list[str]:
 
 
 def shared_systematic(a: dict[str, Any], b: dict[str, Any]) -> bool:
-    """Whether the systematic errors of both are those of one calibration."""
+    """Return whether both have the systematic errors of one calibration."""
     digests = [(c["instrument"] or {}).get("systematic_sha256") for c in (a, b)]
     return digests[0] is not None and digests[0] == digests[1]
 
@@ -180,8 +180,8 @@ Otherwise = dict[tuple[str, str], list[str]]
 
 
 def commanded_otherwise(a: dict[str, Any], b: dict[str, Any]) -> Otherwise:
-    """Poses and paths of one name in both that were not commanded alike: (kind, name) and the keys that differ, speed and load among
-    them. None where a certificate does not say what was commanded."""
+    """Return poses and paths of one name with different commands: (kind, name) and the keys that differ, speed and load among them. None if
+    a certificate does not state its commands."""
     parts = [
         {
             (kind, str(row["name"])): {"load_kg": content["program"].get("load_kg")} | row
@@ -211,7 +211,7 @@ def _alike(a: Any, b: Any) -> bool:
 
 
 def _of_any(figure: dict[str, Any], other: Otherwise) -> bool:
-    """Whether a figure is of one of these parts, or of the way between two poses of which one is among them."""
+    """Return whether a figure belongs to one of these parts, or to the distance between two poses with one among them."""
     if figure.get("path") is not None:
         return ("path", figure["path"]) in other
     pose = str(figure.get("pose"))
@@ -261,7 +261,7 @@ class Attained:
 
 
 def attained(content: dict[str, Any]) -> dict[str, Attained]:
-    """Means of the poses' cycles with their scatter (3, 3) and what the instrument errs by along each axis (3,)."""
+    """Return means of the poses' cycles with their scatter (3, 3) and the instrument's error along each axis (3,)."""
     figures = {label(c): c for c in content["characteristics"]}
     out = {}
     for entry in content["attained"]:
@@ -344,7 +344,7 @@ def _changed(change: Change) -> str:
 
 
 def as_dict(found: Comparison) -> dict[str, Any]:
-    """For a file: every figure in full."""
+    """Return every result in full, for a file."""
     return {
         "schema": "lmeasure.comparison/1",
         "kind": found.kind,
@@ -367,7 +367,8 @@ def as_dict(found: Comparison) -> dict[str, Any]:
 
 DRAWS = 2000
 OUTSIDE = 0.0125
-"""Of the draws at each end of an interval of a mean distance: the quotient of two such intervals holds the true one with 95 % at least."""
+"""Part of the draws at each end of an interval of a mean distance: the quotient of two such intervals contains the true one with 95 % at
+least."""
 LARGEST, HALVINGS = 4.0, 24
 """Multiples of a measured distance that are looked among, in units of it and of its noise, and how finely."""
 
@@ -375,7 +376,7 @@ LARGEST, HALVINGS = 4.0, 24
 @dataclass(frozen=True)
 class Parts:
     """Standard uncertainties of an attained mean [mm], all three coordinates together, as root mean square over the poses: by the
-    instrument, by the robot's scatter over the root of its cycles, and by what its identification left; None where that is not known."""
+    instrument, by the robot's scatter over the root of its cycles, and by its identification; None if unknown."""
 
     instrument_mm: float
     scatter_mm: float
@@ -405,7 +406,7 @@ class Improvement:
 
     @property
     def factor_95(self) -> tuple[float, float]:
-        """Least and largest factor, at 95 % or more; the largest is infinite where what is left cannot be determined from nothing."""
+        """Return the least and largest factor, at 95 % or more; the largest is infinite if the remaining error may be zero."""
         low, high = self.before_mm[1] / self.after_mm[2], self.before_mm[2]
         return low, high / self.after_mm[1] if self.after_mm[1] > 0.0 else math.inf
 

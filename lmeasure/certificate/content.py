@@ -1,4 +1,4 @@
-"""certificate.json: everything a certificate says, made of a measurement and nothing else, so that it can be made again and compared."""
+"""certificate.json: the content of a certificate, made of a measurement alone, so that it can be made again and compared."""
 
 import datetime
 import hashlib
@@ -25,7 +25,7 @@ MOST = 10
 SMALL = 0.05
 """Share of the variance [%] below which rows are shown together."""
 HALF = 0.25
-"""Of the variance, that is left when u is halved."""
+"""Part of the variance that is left if u is halved."""
 LEAST_FACTOR = 0.2
 """Smaller than by this factor a source is not made alone: the next one has its part too."""
 
@@ -38,10 +38,10 @@ class Chosen(NamedTuple):
 
 
 def chosen(certificate: Mapping[str, Any]) -> list[Chosen]:
-    """At most `MOST` figures, one of a name: of each name the worst. Names with a stated tolerance come before others are left out.
+    """Return at most `MOST` results, the worst of each name. Names with a stated tolerance come first.
 
-    Worst is the smallest probability to lie within its tolerance, and where none is stated the largest magnitude. Figures of excluded
-    parts of the program are none.
+    The worst has the smallest probability to lie within its tolerance, or without a tolerance the largest magnitude. Excluded parts of the
+    program have no results.
     """
     by_name: dict[str, list[Mapping[str, Any]]] = {}
     for figure in certificate["characteristics"]:
@@ -52,7 +52,7 @@ def chosen(certificate: Mapping[str, Any]) -> list[Chosen]:
 
 
 def _place(name: str) -> tuple[float, str]:
-    """Where the list has a name: those first that tell most of a robot; a component is given by its vector."""
+    """Return the rank of a name: the most informative first; a component has the rank of its vector."""
     known = quantity_of(name)
     return (math.inf if known is None else known.summary.get(name, math.inf), name)
 
@@ -225,7 +225,7 @@ def _instrument(measured: Measured) -> dict[str, Any] | None:
 
 
 def _measured_with(measured: Measured) -> dict[str, Any] | None:
-    """The instrument as a reader knows it: cables, encoders, what its calibration rests on, how near to its limits it was used."""
+    """Return the instrument for the reader: cables, encoders, the base of its calibration, and the distance to its limits."""
     rig, record = measured.rig, measured.calibration
     if rig is None:
         return None
@@ -250,14 +250,15 @@ def _measured_with(measured: Measured) -> dict[str, Any] | None:
 
 
 def commanded(program: Program) -> dict[str, Any]:
-    """Return what was commanded, at what speed and load: the program's poses and paths without their times."""
+    """Return the commands, speed and load: the program's poses and paths without their times."""
     times = {"windows_s", "settling_s", "approaches", "units"}
     rows = {key: [p.model_dump(exclude=times, exclude_defaults=True) for p in getattr(program, key)] for key in ("pose", "path")}
     return plain({"load_kg": program.load_kg} | rows)
 
 
 def attained(pose: AttainedPose) -> dict[str, Any]:
-    """What of a pose's cycles a later certificate can be compared with: their mean and covariance (0 for one cycle) of position [mm]."""
+    """Return the part of a pose's cycles that a later certificate is compared with: their mean and covariance (0 for one cycle) of position
+    [mm]."""
     positions = pose.poses[:, :3]
     covariance = np.cov(positions.T) if len(positions) > 1 else np.zeros((3, 3))
     return {
@@ -270,7 +271,7 @@ def attained(pose: AttainedPose) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Arrays, NumPy's numbers and tuples as what JSON knows."""
+    """Return arrays, NumPy's numbers and tuples as JSON's types."""
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, np.ndarray):

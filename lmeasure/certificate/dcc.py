@@ -1,6 +1,6 @@
 """The certificate as a digital calibration certificate, DCC 3.3.0 (PTB), with D-SI values.
 
-The schema belongs to its makers and is not part of this program: the XML is held against the XSD file the user names.
+The schema belongs to its makers and is not part of this program: you name the XSD file by which the XML is checked.
 """
 
 import calendar
@@ -37,9 +37,9 @@ COUNTRIES = (
 """Codes of ISO 3166-1."""
 NOT_STATED = "not stated"
 VERDICTS = {True: "U95 small enough", False: "no verdict (uncertainty)", None: "no verdict (no uncertainty is stated)"}
-"""As the certificate prints them, by whether the instrument is capable of a figure; None: nobody states its U95."""
+"""Verdicts as printed on the certificate, by whether U95 is small enough for a result; None: no U95 is stated."""
 OWN = "en"
-"""The language of what this module writes; texts of the laboratory carry none, since nobody says which they are in."""
+"""Language of this module's own texts; texts of the laboratory have no language, since none is stated."""
 
 
 def dcc_xml(certificate: dict[str, Any], xsd: Path | None = None) -> bytes:
@@ -244,7 +244,8 @@ def _results(parent: Any, certificate: dict[str, Any]) -> None:
 
 
 def _conformity(parent: Any, figure: dict[str, Any]) -> None:
-    """The decision on a tolerance; what guarded acceptance leaves open is conditional, on the side of the limit where the value lies."""
+    """The decision on a tolerance; cases between acceptance and rejection are conditional, on the side of the limit where the value
+    lies."""
     found = figure["conformity"]
     lower, upper = found.get("lower"), found.get("upper")
     limits = [f"{sign} {_number(limit)} {figure['unit']}" for sign, limit in (("at least", lower), ("at most", upper)) if limit is not None]
@@ -283,7 +284,7 @@ class Dcc:
     serial: str = ""
     """Serial number of the item."""
     traceable: bool | None = None
-    """Whether a statement calls the results traceable; None where none says so."""
+    """True if a statement calls the results traceable; None without one."""
     expires: datetime.date | None = None
     """Last day of validity, by a statement with a date and a period."""
 
@@ -296,8 +297,7 @@ class Dcc:
         return f"{item or 'reference instrument'}: calibration certificate {self.identifier}{laboratory}{day}"
 
     def doubts(self, day: datetime.date | None) -> tuple[Message, ...]:
-        """Return what is wrong with the reference on the day of its use, None where that is not known: expired, not yet calibrated, or
-        called not traceable."""
+        """Return the faults of the reference on the day of its use (None if unknown): expired, not yet calibrated, or not traceable."""
         out = []
         if self.expires is not None and (day is None or day > self.expires):
             code = "dcc.undated" if day is None else "dcc.expired"

@@ -1,6 +1,6 @@
-"""What a report states besides its results (ISO/IEC 17025:2017, 7.8.2 to 7.8.4): the details file.
+"""The details file: statements of a report besides its results (ISO/IEC 17025:2017, 7.8.2 to 7.8.4).
 
-Everything is optional: what is not stated is named as not stated, never guessed.
+Everything is optional: a missing statement is printed as not stated, never guessed.
 """
 
 import datetime
@@ -118,7 +118,7 @@ class Authoriser(Strict):
 
 
 class Reference(Strict):
-    """Reference instrument by which the measuring instrument was calibrated."""
+    """Reference instrument of the measuring instrument's calibration."""
 
     dcc: Text
     """DCC of the reference instrument (.xml), path relative to this file."""
@@ -199,7 +199,7 @@ MOST_LOGO_BYTES = 2**20
 
 @dataclass(frozen=True)
 class Logo:
-    """A picture: the bytes of its file, and what kind they are."""
+    """Picture: the bytes of its file, and their kind."""
 
     content: bytes
     kind: Literal["svg", "png", "jpg"]
@@ -227,7 +227,7 @@ def read_logo(details: Path, stated: Details) -> Logo | None:
 
 
 def with_reference(details: Details, path: Path) -> tuple[Details, tuple[Message, ...]]:
-    """The details of a file with the traceability that the reference's DCC gives, and what is wrong with the reference when it was used."""
+    """Return the details of a file with the traceability from the reference's DCC, and the faults of the reference at its use."""
     if details.reference is None:
         return details, ()
     dcc = read_dcc(path.parent / details.reference.dcc)

@@ -1,4 +1,4 @@
-"""From the files of a measurement to its evaluation: what `certify` does once, and `verify` again from the copies."""
+"""Evaluation of a measurement from its files: `certify` does it once, and `verify` again from the copies."""
 
 import math
 from collections.abc import Callable
@@ -56,12 +56,12 @@ class Inputs:
     repeatability_mm: float = 0.0
     continuous: bool = False
     columns: str = ""
-    """Which column of the trajectory is which, where another instrument measured it, as `--columns` has it."""
+    """Assignment of columns of another instrument's trajectory, in the form of `--columns`."""
     u_position_mm: float | None = None
     u_rotation_deg: float | None = None
     """Standard uncertainties of the trajectory, instead of the file's."""
     sealed: bool = False
-    """Whether they lie in a folder: what was passed over in the trajectory's file when it was sealed is passed over again."""
+    """True for files in a sealed folder: lines of the trajectory's file that were ignored at sealing are ignored again."""
 
     @property
     def beside(self) -> Stated:
@@ -98,7 +98,7 @@ class Inputs:
         return out
 
     def stated(self) -> dict[str, Any]:
-        """Return what `inputs_in` needs besides the files, for certificate.json."""
+        """Return the settings of `inputs_in` besides the files, for certificate.json."""
         return {
             "trajectory": f"{INPUTS}/trajectory{self.trajectory.suffix.lower()}",
             "program": f"{INPUTS}/program.toml",
@@ -112,7 +112,7 @@ class Inputs:
 
 
 def inputs_in(folder: Path, stated: dict[str, Any]) -> Inputs:
-    """The inputs of a bundle, from what `Inputs.stated` gave; CertificationError when that is not what it wrote."""
+    """Return the inputs of a bundle, from the output of `Inputs.stated`; CertificationError if it is anything else."""
     places: dict[str, Any] = {}
     for key in ("trajectory", "program", "run", "rig", "details"):
         name = stated.get(key)
@@ -130,8 +130,8 @@ def inputs_in(folder: Path, stated: dict[str, Any]) -> Inputs:
 
 
 def settings_from(stated: Any, *, earlier: bool = False) -> CertificationSettings:
-    """Settings from what `settings_stated` gave; CertificationError when it is something else. earlier: those that it did not know yet may
-    be missing."""
+    """Return settings from the output of `settings_stated`; CertificationError if it is anything else. earlier: later settings may be
+    missing."""
     known = {f.name for f in fields(CertificationSettings)}
     if not isinstance(stated, dict) or not set(stated) <= known or (set(stated) != known and not earlier):
         raise CertificationError(message("error.certificate_json_settings_are"))
@@ -155,7 +155,8 @@ def _inside(path: Path, folder: Path) -> str:
 
 
 def _beside(place: str, link: str, what: str) -> str:
-    """Name in the bundle of a file that a copied one, at its place there, links to by a relative name; what: file and key of the link."""
+    """Return the name in the bundle of a file that a copied one, at its place there, links to by a relative name; what: file and key of the
+    link."""
     parts = list(PurePosixPath(place).parent.parts)
     target = PurePosixPath(link.replace("\\", "/"))
     for part in target.parts:
@@ -200,10 +201,9 @@ def measure(
 ) -> Measured:
     """Evaluate a measurement from its files.
 
-    With a run the poses are those of its counts, and the trajectory file must hold the same; else CertificationError names the row. same:
-    False where another method made that file, which may hold other poses. trajectory: that of the run by the same settings, where it is
-    known already.
-    Raises what reading the files, `reconstruct` and `evaluate` raise.
+    With a run the poses are those of its counts, and the trajectory file must contain the same; else CertificationError names the row.
+    same: False for a file by another method, which may contain other poses. trajectory: that of the run by the same settings, if it is
+    already known. Raises the errors of the files' readers, of `reconstruct` and of `evaluate`.
     """
     program = read_program(inputs.program)
     found = _measured(inputs, program, settings, progress, same=same, known=trajectory)

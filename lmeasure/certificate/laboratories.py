@@ -1,4 +1,4 @@
-"""One robot measured by several laboratories: do their results agree, what is the consensus, and which laboratory stands apart?
+"""One robot measured by several laboratories: agreement of their results, the consensus, and outlying laboratories.
 
 The n results x_i have standard uncertainties u_i. All laboratories share the part c of them (the same traceability). The robot itself
 differs between the measurements by a standard uncertainty a. The independent variances are v_i = u_i^2 + a^2 - c^2, and
@@ -11,9 +11,9 @@ differs between the measurements by a standard uncertainty a. The independent va
     equivalence         d_i = x_i - m, u(d_i)^2 = v_i - 1/W; of a laboratory that is not in the mean v_i + 1/W
     scores              zeta_i = d_i / u(d_i), E_n = d_i / (2 u(d_i))                        (ISO 13528:2022, 9.6 and 9.7)
 
-If Q is improbable the laboratory farthest off is taken out of the mean, and so on: the largest consistent subset (Cox, Metrologia 44
-(2007)). It is searched one laboratory at a time and keeps more than half of them; where there is none, the random effects' mean is the
-consensus and no laboratory is blamed.
+If Q is improbable, the laboratory farthest off is removed from the mean, and so on: the largest consistent subset (Cox, Metrologia 44
+(2007)). It is searched one laboratory at a time and keeps more than half of them; without such a subset, the random effects' mean is the
+consensus and no laboratory is an outlier.
 """
 
 import math

@@ -14,17 +14,18 @@ PLANES = ((0, 1), (0, 2), (1, 2))
 COVERAGE = 0.95
 MOST_POINTS = 20_000
 ROUNDING_MM = 1e-6
-"""A smaller scatter is what arithmetic leaves of none."""
+"""Scatter [mm] below which it is only rounding."""
 READABLE = 0.9
-"""Of the mean's distance from what was commanded: how large a scatter that is drawn enlarged may become."""
+"""Largest size of an enlarged scatter, as a part of the mean's distance from the command."""
 
 
 @dataclass(frozen=True)
 class Target:
     """The cycles of one pose seen from one side: deviations (n, 2) [mm] from the commanded position along two axes, their mean (2,), the
-    ellipse (m, 2) that holds 95 % of further cycles (None for fewer than four cycles), and a round radius around everything.
+    ellipse (m, 2) that holds 95 % of further cycles (None for fewer than four cycles), and a rounded radius around everything.
 
-    enlarged: factor by which the scatter about the mean, and the ellipse, are larger than they are."""
+    enlarged: factor by which the scatter about the mean, and the ellipse, are larger than they are.
+    """
 
     pose: str
     axes: tuple[int, int]
@@ -36,9 +37,9 @@ class Target:
 
 
 def targets(pose: AttainedPose, *, readable: bool = False) -> list[Target]:
-    """A pose from above, from the front and from the side.
+    """Return views of a pose from above, from the front and from the side.
 
-    readable: the scatter enlarged where it is small beside the mean's distance, for paper, on which nobody can come nearer.
+    readable: for paper, which has no zoom: enlarge a scatter that is small beside the mean's distance.
     """
     deviations = pose.poses[:, :3] - pose.commanded[:3]
     mean = deviations.mean(axis=0)
@@ -91,7 +92,7 @@ def round_down(value: float) -> float:
 
 
 def magnification(evaluation: Evaluation) -> float:
-    """Factor by which deviations are drawn larger in space: they then reach about a twentieth of the program's extent."""
+    """Return the factor that enlarges deviations in space to about a twentieth of the program's extent."""
     commanded = [p.commanded[None, :3] for p in evaluation.poses] + [p.commanded for p in evaluation.paths]
     deviations = [p.poses[:, :3] - p.commanded[:3] for p in evaluation.poses]
     deviations += [(p.attained - p.commanded).reshape(-1, 3) for p in evaluation.paths]

@@ -142,9 +142,9 @@ def _table(key: Ed25519PublicKey, signature: bytes) -> dict[str, Any]:
 
 
 def signer(content: bytes, table: bytes) -> Ed25519PublicKey:
-    """The public key whose signature of the content stands in the bytes of signature.json; CertificationError says why there is none.
+    """Return the public key whose signature of the content is in the bytes of signature.json; CertificationError names the fault.
 
-    Every byte counts: the file must be written as `sign` gives it.
+    Every byte counts: the file must be written in the form of `sign`.
     """
     try:
         stated = json.loads(table)

@@ -1,4 +1,4 @@
-"""A certificate held against its own folder: every byte by the manifest, every figure by computing it again."""
+"""Verification of a certificate by its own folder: every byte by the manifest, every result by computing it again."""
 
 import datetime
 import json
@@ -58,8 +58,8 @@ def label(figure: Mapping[str, Any]) -> str:
 class Compared:
     """The result of a comparison.
 
-    differences: what is not as the inputs give it. largest: largest difference of a figure within the tolerance, as a part of its size.
-    moved: whether anything differs in its last digits. skipped: what could not be compared, and why.
+    differences: entries that do not follow from the inputs. largest: largest difference of a result within the tolerance, as a part of its
+    size. moved: whether anything differs in its last digits. skipped: entries without a comparison, and the reason.
     """
 
     differences: tuple[Difference, ...]
@@ -130,8 +130,8 @@ def compare(stated: dict[str, Any], again: dict[str, Any], *, other_version: boo
 
 
 def beside(stated: dict[str, Any], again: dict[str, Any]) -> tuple[list[Difference], tuple[str, ...]]:
-    """Return the differences of a certificate by another method: where what does not depend on the method is not what the inputs give, and
-    its figures with those of today, a line each."""
+    """Return the differences of a certificate by another method in entries that do not depend on the method, and its results with today's,
+    a line each."""
     out = _tables(stated, again, {key for key in INDEPENDENT if key in stated}) + has_its_id(stated)
     old, new = (_keyed(c["characteristics"]) for c in (stated, again))
     both = {name: (_figure(old.get(name)), _figure(new.get(name))) for name in {**old, **new}}
@@ -140,13 +140,13 @@ def beside(stated: dict[str, Any], again: dict[str, Any]) -> tuple[list[Differen
 
 
 def has_its_id(stated: dict[str, Any]) -> list[Difference]:
-    """Whether the id of a certificate is that of its content."""
+    """Check that the id of a certificate is that of its content."""
     own = identification(stated)
     return [] if stated["id"] == own else [Difference(CERTIFICATE, message("verification.content_id", id=stated["id"], found=own))]
 
 
 def of_environment(stated: Mapping[str, Any], here: Mapping[str, str]) -> list[Difference]:
-    """What stands in a certificate as its environment and is none: where it names the sources of this program, the very keys are known."""
+    """Check the environment of a certificate: if it names the sources of this program, the very keys are known."""
     out = [
         Difference(CERTIFICATE, message("verification.no_version", key=_shown(key), value=_shown(value)))
         for key, value in stated.items()
@@ -208,7 +208,7 @@ def _texts_alike(a: str, b: str) -> bool:
 
 
 def _printed_alike(a: str, b: str) -> bool:
-    """Whether two printed numbers are one but for their last digit."""
+    """Return whether two printed numbers are equal but for their last digit."""
     last = [10.0 ** -len(x.lower().split("e")[0].partition(".")[2]) for x in (a, b)]
     whole = "." not in a and "." not in b and "e" not in (a + b).lower()
     return not whole and abs(float(a) - float(b)) <= max(RELATIVE * abs(float(a)), 1.001 * max(last))
@@ -260,10 +260,10 @@ class Printer:
 
 @dataclass(frozen=True)
 class Verification:
-    """Differences, if any; number of equal results; differences of the environment and the change that they made of the figures at most.
+    """Differences, if any; number of equal results; differences of the environment and the largest change of results by them.
 
-    skipped: what could not be compared, and why. beside: figures by another method beside today's, as lines. authorised: the name of the
-    key that signed it among those that may, empty where none of them did; None where none are named.
+    skipped: entries without a comparison, and the reason. beside: results by another method beside today's, as lines. authorised: the name
+    of the authorised key that signed it, empty if none did; None if no keys are named.
     """
 
     certificate: str
@@ -288,15 +288,15 @@ def verify(
     printers: Mapping[str, Printer] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Verification:
-    """Look at every byte, compute every figure again from the inputs, and print again what people read.
+    """Check every byte, compute every result again from the inputs, and print its pages again.
 
-    public_key: whose signature is asked for. printers: how files such as certificate.pdf come from the certificate. They are printed again
-    and compared byte for byte; where only last digits or another environment can be the reason of other bytes, by their texts, and the
-    file is named as not compared beyond them. The environment is a claim of the certificate: what is not that of this machine is named as
-    not compared. Figures by another method are not compared but listed beside those of today.
+    public_key: the key of the required signature. printers: functions that print files such as certificate.pdf. They are printed again and
+    compared byte for byte. If last digits or another environment explain other bytes, their texts are compared, and the file is named as
+    not compared beyond them. The environment is a claim of the certificate: differences from this machine are named as not compared.
+    Results by another method are listed beside today's, not compared.
 
-    All of this starts from the inputs in the folder. Whether they are those of a measurement shows only a signature: whoever changes the
-    inputs of an unsigned folder can make a new certificate of them. CertificationError when there is no certificate to look at.
+    All of this starts from the inputs in the folder. Only a signature shows that they are those of a measurement: anyone can change the
+    inputs of an unsigned folder and make a new certificate. CertificationError without a certificate.
     """
     folder = Path(folder)
     seal = check_seal(folder, public_key)
@@ -381,7 +381,7 @@ def _page(
     other: bool,
     moved: bool,
 ) -> tuple[list[Difference], list[str]]:
-    """Return where a file that people read is not what its certificate prints, and what of it could not be compared.
+    """Return the differences of a printed file from its certificate, and the parts without a comparison.
 
     moved: figures differ in their last digits, which are in the pictures too.
     """
@@ -450,7 +450,7 @@ def _refuse(constant: str) -> float:
 
 
 def report_lines(found: Verification, *, asked: bool) -> list[str]:
-    """Return the lines for a person: who signed it, then differences. asked: whether the signature was compared with a key."""
+    """Return lines with the signer, then differences. asked: whether the signature was compared with a key."""
     out: list[str] = []
     if found.authorised is not None:
         out.append(message("verification.authorised" if found.authorised else "verification.not_authorised", name=found.authorised))

@@ -1,7 +1,7 @@
-"""The command line: it parses and prints; what a command does is its workflow.
+"""The command line parses and prints; the work of a command is its workflow.
 
 Nothing heavy is imported before a command runs, so that `lmeasure --help` answers at once. Exit codes: 0 done; 1 the data cannot give the
-answer, said in one line; 2 wrong usage.
+answer, with one line; 2 wrong usage.
 """
 
 import atexit
@@ -32,7 +32,7 @@ INTERRUPTED = 130
 
 
 ALIASES = {"calibrate-robot": "identify", "hand-eye": "frames", "simulate-bus": "play"}
-"""Names by which other programs know these commands."""
+"""Names of these commands in other programs."""
 FIRST_STEPS = """lmeasure measures the pose of a robot's gripper with draw-wire encoders: the
 position and orientation of every sample, and their uncertainty.
 
@@ -44,7 +44,7 @@ All commands: lmeasure --help"""
 
 
 class Commands(Group):
-    """The commands of the workflows, each made when it is asked for."""
+    """Commands of the workflows, each made when it is used."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """All names, in their order."""
@@ -112,9 +112,8 @@ def program() -> NoReturn:
 
 
 def end_at_once() -> None:
-    """Once the process ends and its libraries have said their last, it is gone: taking compiled code and libraries apart takes a second or
-    more, in which a person waits and nothing is done. Called before any of them is loaded: the first to be registered is the last to be
-    called."""
+    """End the process at once after its libraries' own exits: unloading compiled code and libraries takes a second or more. Call it before
+    any of them is loaded, as the first function registered is the last called."""
     atexit.register(lambda: os._exit(_code))
 
 
@@ -139,7 +138,7 @@ def run() -> NoReturn:
 
 
 def main() -> None:
-    """The command in a process that goes on, as in a test: it ends with SystemExit."""
+    """Run the command in a process that continues, such as a test: it ends with SystemExit."""
     # before numpy is loaded: the matrices here are small, and threads of BLAS only wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):
@@ -175,7 +174,7 @@ def main() -> None:
 
 
 def _unforeseen(error: Exception) -> NoReturn:
-    """Print an error that no module foresaw, in one line; with the traceback where LMEASURE_DEBUG asks for it."""
+    """Print an unforeseen error in one line; with the traceback if LMEASURE_DEBUG is set."""
     if os.environ.get("LMEASURE_DEBUG"):
         raise error
     at = traceback.extract_tb(error.__traceback__)[-1]
@@ -188,8 +187,8 @@ def _unforeseen(error: Exception) -> NoReturn:
 
 
 def _end(code: "int | str | None", *texts: str, printed: str = "") -> NoReturn:
-    """End with that exit code, the texts on standard error, a line each, and what is still held of the output written, if it can be. The
-    texts, or one that was printed already, are the error of `--json`."""
+    """End with that exit code. Print the texts on standard error, a line each, and the remaining output if possible. The texts, or one that
+    was already printed, are the error of `--json`."""
     for text in filter(None, texts):
         print(f"lmeasure: {one_line(rendered(text))}", file=sys.stderr)
     lines = [one_line(text) for text in texts if text]

@@ -102,14 +102,14 @@ def _print(result: "Result", verbose: bool) -> None:
 
 
 def place_holder(form: Written) -> str | None:
-    """Return what stands for a value in the help, where the option names nothing itself: the words that it may be, or their kind."""
+    """Return the placeholder of a value in the help, if the option has none: its choices, or its kind."""
     if form.choices:
         return "|".join(form.choices)
     return {Path: "PATH", int: "N", float: "NUMBER", str: "TEXT"}.get(form.kind)
 
 
 def _completion(choices: tuple[str, ...], names: str | None) -> Callable[[str], list[str]]:
-    """Return what completes the words that an option may be, or the names that stand at module:NAME."""
+    """Return the completion of an option's choices, or of the names at module:NAME."""
 
     def beginning(incomplete: str) -> list[str]:
         return [word for word in choices or pkgutil.resolve_name(str(names)) if word.startswith(incomplete)]

@@ -1,9 +1,9 @@
-"""Events of a working command for another program: a line of JSON on standard error for everything that a person would be shown.
+"""Events of a working command for another program: a line of JSON on standard error for everything that a user would see.
 
-Asked for by LMEASURE_EVENTS=1 in the environment, beside `--json`, whose document stays alone on standard output. Each line has
+LMEASURE_EVENTS=1 in the environment switches them on, beside `--json`, whose document stays alone on standard output. Each line has
 `event`: progress (fraction, text), said (text), state (text), asked (text, number, of), live (a recording, its pose), compiling (text).
-What such a command reads on standard input are the answers; where standard input ends, whoever asked is gone, and the command ends as by
-Ctrl-C: what was recorded is kept (docs/command-line.md). The document has `shown` beside `summary`: its lines in the language of who reads.
+Such a command reads its answers on standard input. At the end of standard input it ends as by Ctrl-C and keeps the recording
+(docs/command-line.md). The document has `shown` beside `summary`: its lines in the user's language.
 """
 
 import contextlib
@@ -35,12 +35,12 @@ ANSWERED = ("check", "capture", "play")
 
 
 def asked() -> bool:
-    """Whether another program listens."""
+    """Return whether another program listens."""
     return os.environ.get(VARIABLE) == "1"
 
 
 def tell(event: str, **values: Any) -> None:
-    """One line; that nobody reads any more is no fault of the work."""
+    """Write one line; a reader that has gone is no fault of the work."""
     with contextlib.suppress(OSError, ValueError):
         print(json.dumps({"event": event, **values}, ensure_ascii=False, allow_nan=False), file=sys.stderr, flush=True)
 
@@ -52,7 +52,6 @@ class Paced:
         self._event, self._text, self._last = event, "", -math.inf
 
     def due(self) -> bool:
-        """Whether an event without a new text would be sent now."""
         return time.monotonic() - self._last >= REFRESH_S
 
     def __call__(self, text: str, **values: Any) -> None:
@@ -63,7 +62,7 @@ class Paced:
 
 
 def progress(label: str) -> Any:
-    """A `Progress` that tells."""
+    """Return a `Progress` that writes events."""
     paced = Paced("progress")
     return lambda fraction, text: paced(text or label, fraction=round(float(fraction), 4))
 
@@ -137,12 +136,12 @@ def _pose(watch: "PoseWatch | str") -> dict[str, Any]:
 
 
 def _status(name: str) -> str:
-    """Return what a sample is that has no pose, in the words of who reads."""
+    """Return the status of a sample without a pose, in the user's language."""
     return texts(of_terminal(), "trajectory").get(f"status.{name}", word("cli.start_unknown"))
 
 
 def captured(session: "Session") -> None:
-    """Where a capture stands: the pose that is wanted, what was read, and what it is worth."""
+    """Report the state of a capture: the wanted pose, the readings, and their quality."""
     from lmeasure.procedures import state_of
 
     if _captured.due():
@@ -154,7 +153,7 @@ _captured = Paced("capture")
 
 
 def spoken(seconds: float, lines: "tuple[Spoken, ...]") -> None:
-    """Who speaks on a bus."""
+    """Report the senders on a bus."""
     reported = [{"name": o.name, "frames": o.frames, "rate_hz": o.rate_hz, "data": o.data.hex(" "), "lit": o.lit} for o in lines]
     _spoken("", seconds=seconds, lines=reported)
 
@@ -171,7 +170,7 @@ _moved = Paced("moved")
 
 
 def played(cell: "PlayedCell") -> None:
-    """Write what a simulated cell does: where its robot is or goes, whether it is still on its way, and where that is, as it is given."""
+    """Report a simulated cell: its robot's present or next pose, whether it still moves, and that pose as commanded."""
     _played("", at=cell.at, moves=cell.moves, pose=cell.stands_at(), cables=cell.cables, out=cell.out, poses=cell.poses)
 
 

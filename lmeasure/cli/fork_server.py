@@ -1,8 +1,8 @@
-"""A process that has loaded what commands need, and forks one for each that is asked for: loading takes a command 1 to 3 s, forking none.
+"""A process that has loaded the modules of commands and forks one for each request: loading takes a command 1 to 3 s, forking none.
 
-`python -P -m lmeasure.cli.fork_server FD` of the workbench (lmeasure.workbench.processes), which holds the other end of the socket FD. Each
-message there brings four descriptors: standard input, output and error of a command, and a socket of its own, on which its process id is
-answered, then its working directory, environment and words are read (JSON in one line), and at the end its exit code is given. The process
+`python -P -m lmeasure.cli.fork_server FD` belongs to the workbench (lmeasure.workbench.processes), which has the other end of the socket
+FD. Each message there brings four descriptors: standard input, output and error of a command, and a socket of its own, which returns its
+process id, then brings its working directory, environment and words (JSON in one line), and at the end returns its exit code. The process
 ends with the socket FD. It never computes, and it never forks while another thread lives, which would not be there in its children.
 """
 
@@ -41,7 +41,7 @@ class Command(NamedTuple):
 
 
 def load() -> None:
-    """Load every module that commands are made of, and what they need."""
+    """Load every module that commands need."""
     for found in pkgutil.walk_packages(lmeasure.__path__, "lmeasure."):
         if not found.name.startswith(LEFT_OUT):
             importlib.import_module(found.name)
@@ -52,12 +52,12 @@ def load() -> None:
 
 
 def alone() -> bool:
-    """Whether this process has one thread only."""
+    """Return whether this process has one thread only."""
     return len(list(Path("/proc/self/task").iterdir())) == 1
 
 
 def answered(control: socket.socket) -> Command | None:
-    """Answer until the socket ends: None then, and in each child what it shall do."""
+    """Answer until the socket ends: None then, and in each child its command."""
     ends: dict[int, tuple[int, socket.socket]] = {}
     with selectors.DefaultSelector() as waiting:
         waiting.register(control, selectors.EVENT_READ)
@@ -95,7 +95,7 @@ def _tell(reported: socket.socket, number: int) -> None:
 
 
 def _became(standard: list[int], reported: socket.socket) -> Command | None:
-    """In a child: its standard input, output and error, and what it shall do; None where whoever asked is gone."""
+    """Return a child's command with its standard input, output and error; None if the requesting process is gone."""
     for place, descriptor in enumerate(standard):
         os.dup2(descriptor, place)
         os.close(descriptor)
@@ -123,7 +123,7 @@ def become(command: Command) -> NoReturn:
 
 
 def main() -> None:
-    """Load, say so, and answer until whoever asks is gone; at once where threads make forking unsafe."""
+    """Load, report it, and answer until the requesting process is gone; end at once if threads make forking unsafe."""
     end_at_once()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for those who work
     with socket.socket(fileno=int(sys.argv[1])) as control:

@@ -36,7 +36,7 @@ def _records(self: Any, ctx: Any) -> dict[str, list[tuple[str, str]]]:
 
 
 class _InWords:
-    """Usage, what it is for, and options in the reader's language."""
+    """Usage, purpose and options in the reader's language."""
 
     help: str | None
 
@@ -47,7 +47,6 @@ class _InWords:
         formatter.write_usage(ctx.command_path, " ".join(word(one) if one.startswith("cli.") else one for one in words), word("cli.usage"))
 
     def format_help_text(self, ctx: Any, formatter: Any) -> None:
-        """Write what a command does."""
         formatter.write_paragraph()
         with formatter.indentation():
             known = f"cli.{ctx.command.name}.help" if ctx.command.name in COMMANDS else "cli.help"
@@ -83,7 +82,7 @@ class Group(_InWords, TyperGroup):
         self.format_commands(ctx, formatter)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Names and first paragraphs, without a look at what they stand for."""
+        """Write names and first paragraphs, without loading the commands."""
         width = max(len(name) for commands in JOBS.values() for name in commands)
         for job, commands in JOBS.items():
             with formatter.section(job_name(job).text(language())):
@@ -101,7 +100,7 @@ def wrong_use(error: typer.TyperException) -> str:
 
 
 def in_plain_words(error: typer.TyperException) -> str:
-    """The parser's message; of a value that it could not take, what the value must be and what it is."""
+    """Return the parser's message, with the required and the given value if one is wrong."""
     cause, param = error.__cause__, getattr(error, "param", None)
     if getattr(param, "param_type_name", "") == "option" and not getattr(error, "param_hint", None):
         error.param_hint = f"'{param.opts[0]}'"  # type: ignore[attr-defined,union-attr]
@@ -113,7 +112,7 @@ def in_plain_words(error: typer.TyperException) -> str:
 
 
 def in_reader_words(error: typer.TyperException) -> str:
-    """Return the parser's message in the language of the terminal; as the parser says it where it is of another kind."""
+    """Return the parser's message in the language of the terminal; messages of other kinds stay as they are."""
     kind, english = type(error).__name__, in_plain_words(error)
     known: Any = error
     if kind == "NoSuchOption":

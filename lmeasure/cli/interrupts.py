@@ -1,5 +1,4 @@
-"""Ctrl-C is never lost: some libraries swallow it while they are being loaded, so it is raised again where the work next tells how far
-it is."""
+"""Ctrl-C during the loading of libraries: some swallow it, so it is raised again at the next progress of the work."""
 
 import signal
 import threading
@@ -14,7 +13,7 @@ _asked = threading.Event()
 
 @contextmanager
 def noted() -> Iterator[None]:
-    """While a command works: what Ctrl-C does as ever, and a note that it came."""
+    """Note a Ctrl-C while a command works, beside its usual effect."""
     usual = signal.default_int_handler
     if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) is not usual:
         yield
@@ -34,7 +33,7 @@ def _note(number: int, frame: FrameType | None) -> None:
 
 
 def came() -> bool:
-    """Whether Ctrl-C came since the command began."""
+    """Return whether Ctrl-C came since the command began."""
     return _asked.is_set()
 
 

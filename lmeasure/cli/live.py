@@ -60,7 +60,7 @@ def render(progress: Progress, pose: "PoseWatch | str" = "") -> Group:
 
 
 def stale(progress: Progress) -> bool:
-    """Whether no channel has a count any more, or yet: what was, nobody takes for what is."""
+    """Return whether no channel has a current count."""
     return progress.seconds > STALE_S and all(value != value for value in progress.counts)
 
 

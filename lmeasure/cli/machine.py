@@ -1,4 +1,4 @@
-"""`--json`: what a command gives for those who do not read lines, in one shape for all (docs/command-line.md)."""
+"""`--json`: the result of a command for programs, in one form for all (docs/command-line.md)."""
 
 import json
 import math
@@ -16,13 +16,13 @@ FLAG = "--json"
 
 
 def asked(words: Sequence[str] | None = None) -> bool:
-    """Whether the command line asks for JSON."""
+    """Return whether the command line requests JSON."""
     words = sys.argv[1:] if words is None else words
     return FLAG in (words[: words.index("--")] if "--" in words else words)
 
 
 def of_result(command: str, result: Result) -> dict[str, Any]:
-    """Return what a workflow gave."""
+    """Return the document of a workflow's result."""
     return _document(
         command,
         1 if result.failure else result.exit_code,
@@ -42,7 +42,7 @@ def of_error(exit_code: int, lines: Sequence[str]) -> dict[str, Any]:
 
 
 def written(document: Mapping[str, Any]) -> str:
-    """The document as it is printed; what is not a number is null."""
+    """Return the document as printed; NaN is null."""
     return json.dumps(_plain(document), indent=1, ensure_ascii=False, allow_nan=False)
 
 
@@ -52,12 +52,12 @@ def _document(command: str, exit_code: int, error: str | None, **given: Any) -> 
 
 
 def _notes(made: Any) -> list[dict[str, str]]:
-    """Return what must be known of what was made, each by its code, where it says so."""
+    """Return the notes of a result, each by its code if it has one."""
     return [{"code": note.code, "text": str(note)} for note in getattr(made, "notes", ()) if isinstance(note, Message)]
 
 
 def _made(result: Result) -> Any:
-    """Return what was made: data as they are, unless a file of the command holds them, objects by what they say of themselves."""
+    """Return the result: plain data, unless a file of the command contains them, and objects by their own description."""
     made = result.made
     if isinstance(made, Shown):
         return made.about()

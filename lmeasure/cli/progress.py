@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 LEAST_COLUMNS = 20
 REDRAWN_S = 0.1
 INDENT = 4
-"""Of what is left of a line that is too long, beyond its own."""
+"""Indent of the rest of a line that is too long, beyond its own."""
 
 termios: ModuleType | None
 try:
@@ -42,12 +42,12 @@ except ImportError:  # Windows: its console does the editing
 
 
 def columns() -> int:
-    """As many characters as a line may have now; the last place of a terminal stays empty, or some go on to the next line by themselves."""
+    """Return the characters that a line may have now; the last column stays empty, as some terminals wrap there."""
     return max(shutil.get_terminal_size().columns - 1, LEAST_COLUMNS)
 
 
 def fitted(text: str, width: int) -> list[str]:
-    """The text in lines that are no wider: broken where two blanks stand, so that a name stays beside its value, else between words."""
+    """Return the text in lines that are no wider, broken at two blanks, so that a name stays beside its value, else between words."""
     out = []
     for line in text.split("\n"):
         begin = line[: len(line) - len(line.lstrip())]
@@ -82,8 +82,8 @@ def cut(text: str, width: int) -> str:
 class TypedLines:
     """Lines of standard input as they are typed, read beside the work; nothing is read before the first question for them.
 
-    On a terminal that lets them, letters are shown by `state_line` and not by the terminal, which would put them where a line is being
-    renewed: pending is what has been typed of the line that is not ended.
+    If the terminal allows it, `state_line` shows the letters: the terminal would put them into a line that is being renewed. pending is the
+    typed part of an unfinished line.
     """
 
     def __init__(self) -> None:
@@ -170,8 +170,8 @@ class TypedLines:
 
 @contextmanager
 def state_line(keys: TypedLines | None = None) -> "Iterator[tuple[Callable[[str], None], Callable[[str], None] | None]]":
-    """What prints lines, and what renews one on a terminal, ten times a second at most, with what is being typed at its end. Both in the
-    reader's language, and none wider than the terminal."""
+    """Yield a function that prints lines, and one that renews a line on a terminal, at most ten times a second, with the typed text at its
+    end. Both use the reader's language, and no line is wider than the terminal."""
     if events.asked():
         yield lambda text: events.tell("said", text=rendered(text)), events.Paced("state")
         return
@@ -222,7 +222,7 @@ def quietly(workflow: "Workflow", settings: "Asked") -> "Result":
 
 
 def recording(workflow: "Workflow", settings: "Any") -> "Result":
-    """Under the table of a recording, where it is asked for."""
+    """Show the table of a recording, if it is wanted."""
     if not settings.live:
         return workflow.run(settings)
     from lmeasure.accuracy import radii_95  # noqa: F401 - takes long, and not while frames come
@@ -236,7 +236,7 @@ def recording(workflow: "Workflow", settings: "Any") -> "Result":
 
 
 def watching(workflow: "Workflow", settings: "Asked") -> "Result":
-    """Under the table of what comes."""
+    """Show the table of the incoming counts."""
     if events.asked():
         return workflow.run(settings, show=events.live)
     from lmeasure.cli.live import live_table
@@ -246,7 +246,7 @@ def watching(workflow: "Workflow", settings: "Asked") -> "Result":
 
 
 def questions(workflow: "Workflow", settings: "Asked") -> "Result":
-    """With a person who does what is asked while the counts are shown, and the table of what came of it."""
+    """Ask the user to act while the counts are shown, then show the table of results."""
     from lmeasure.acquisition import Finished
 
     keys = TypedLines()
@@ -284,7 +284,7 @@ def questions(workflow: "Workflow", settings: "Asked") -> "Result":
 
 
 def capturing(workflow: "Workflow", settings: "Asked") -> "Result":
-    """With lines for what was read, a line that stays in its place for the state of things, and a person, or a script, that types."""
+    """Show lines for readings and one line for the state, and take lines that a user or a script types."""
     on_terminal = sys.stdin is not None and sys.stdin.isatty()
 
     def ask(text: str) -> str:
@@ -309,13 +309,13 @@ def capturing(workflow: "Workflow", settings: "Asked") -> "Result":
 
 
 def opens_pages(settings: "Any") -> bool:
-    """Return whether the page of a command is opened in a browser: on a terminal, unless nobody wants it."""
+    """Return whether the page of a command is opened in a browser: on a terminal, unless switched off."""
     on_terminal = sys.stdout is not None and sys.stdout.isatty()
     return bool(getattr(settings, "browser", False)) and on_terminal and not events.asked() and not machine.asked()
 
 
 def inspecting(workflow: "Workflow", settings: "Any") -> "Result":
-    """Show a bar; a page that nobody named is written aside, where it is opened."""
+    """Show a bar; a page without a name is written to a temporary folder, where it is opened."""
     name = next(name for name in ("report", "out") if name in type(settings).model_fields)
     if opens_pages(settings) and getattr(settings, name) is None and getattr(settings, "scan", True):
         settings = settings.model_copy(update={name: Path(tempfile.mkdtemp(prefix="lmeasure-")) / "inspect.html"})
@@ -323,20 +323,20 @@ def inspecting(workflow: "Workflow", settings: "Any") -> "Result":
 
 
 def listening(workflow: "Workflow", settings: "Asked") -> "Result":
-    """Under a progress bar, and for other programs with who speaks."""
+    """Show a progress bar, and the senders for other programs."""
     with bar(workflow.name) as progress:
         return workflow.run(settings, progress, show=events.spoken if events.asked() else None)
 
 
 def playing(workflow: "Workflow", settings: "Asked") -> "Result":
-    """With a person, a page, or a script, that types what is to be done, until the end of what is typed."""
+    """Take lines that a user, a page or a script types, until their end."""
     keys = TypedLines()
     with state_line(keys) as (say, _):
         return workflow.run(settings, say=say, keys=keys, show=events.played if events.asked() else None)
 
 
 def beginning(workflow: "Workflow", settings: "Any") -> "Result":
-    """With questions, where no template answers them."""
+    """Ask questions that no template answers."""
 
     def ask(question: str, default: str) -> str:
         try:
@@ -352,13 +352,13 @@ def beginning(workflow: "Workflow", settings: "Any") -> "Result":
 
 
 def with_stages(workflow: "Workflow", settings: "Asked") -> "Result":
-    """With a line for each stage."""
+    """Show a line for each stage."""
     with stages() as progress:
         return workflow.run(settings, heeded(progress))
 
 
 def in_browser(workflow: "Workflow", settings: "Any") -> "Result":
-    """With the address of its pages."""
+    """Show the address of its pages."""
     try:
         from lmeasure.workbench import ON_LOOPBACK, Site, serve
     except ModuleNotFoundError as error:
@@ -378,7 +378,7 @@ def in_browser(workflow: "Workflow", settings: "Any") -> "Result":
 
 
 JUST_BEGUN_S = 0.5
-"""For so long a step takes no answer that may have been meant for the one before."""
+"""Time for which a step ignores answers, which may have been meant for the one before."""
 Face = Callable[["Workflow", Any], "Result"]
 FACES: dict[str, Face] = {
     "capture": capturing,
@@ -394,7 +394,7 @@ FACES: dict[str, Face] = {
     "workbench": in_browser,
     "view": lambda workflow, settings: workflow.run(settings, lambda fraction, text: typer.echo(rendered(text))),
 }
-"""Of commands that show something else than a bar."""
+"""Faces of commands that show something else than a bar."""
 
 
 SILENT = (with_bar, with_stages, inspecting)
@@ -426,9 +426,9 @@ def reported_compiling() -> Iterator[None]:
 
 @contextmanager
 def bar(label: str) -> "Iterator[Progress]":
-    """A progress bar on stderr, named by the label until the work names itself.
+    """Show a progress bar on stderr, named by the label until the work names itself.
 
-    It vanishes when the work is done, and is not there at all where nobody watches: an error stays one line.
+    It vanishes when the work is done, and does not appear without a terminal: an error stays one line.
     """
     if events.asked():
         yield events.progress(stage(label))

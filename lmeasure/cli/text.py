@@ -1,6 +1,6 @@
 """Render messages and the command line's own words in the language of the terminal.
 
-What scripts rely on, `--json`, stays English.
+`--json`, on which scripts rely, stays English.
 """
 
 from lmeasure.text import Lines, Message, of_terminal as language, signs, texts

@@ -1,4 +1,4 @@
-"""Types of arrays, errors, statuses, poses, angle conventions and square roots of covariances: what every other package builds on."""
+"""Types of arrays, errors, statuses, poses, angle conventions and square roots of covariances: the base of every other package."""
 
 import lazy_loader
 

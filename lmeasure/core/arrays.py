@@ -1,4 +1,4 @@
-"""Types of arrays, said once: what a docstring calls (n, 7) is one of these."""
+"""Types of arrays by their shape: (n, 7) in a docstring is one of these."""
 
 from collections.abc import Iterable
 

@@ -55,7 +55,7 @@ RESERVED_COLUMNS = ("time_s", "sync", "u_time_s", "temperature_c", "pose", "pass
 MAX_LENGTH_MM = 1e6
 """A kilometre: beyond it a length is a slip of units."""
 LARGEST_ANGLE = 1e6
-"""In degrees or radians: thousands of turns; beyond it an angle is a slip."""
+"""Largest angle in degrees or radians: thousands of turns; a larger one is a slip."""
 QUATERNION_COLUMNS = ("qx", "qy", "qz", "qw")
 
 
@@ -68,7 +68,7 @@ def convention(name: str) -> AngleConvention:
 
 
 def check_angles(values: ArrayLike, what: str) -> None:
-    """FileFormatError, naming what, for an angle beyond `LARGEST_ANGLE`: of 1e20 degrees not even the turn is left in a double."""
+    """Raise FileFormatError, naming `what`, for an angle beyond `LARGEST_ANGLE`: a double of 1e20 degrees has lost even the turn."""
     numbers = np.atleast_1d(np.asarray(values, dtype=np.float64))
     bad = np.abs(numbers) > LARGEST_ANGLE
     if bad.any():
@@ -149,9 +149,9 @@ def rounded_angles(name: str, angles: ArrayLike) -> FloatArray:
 
 
 def from_singular_deg(name: str, rotation: "Rotation") -> FloatArray:
-    """(...,) how far [degrees, 0 to 90] rotations are from an orientation whose angles are not unique. There the first and the last axis of
-    three turns lie on one line: the distance is the angle between them. A rotation vector is not unique at half a turn; its distance is
-    what the turn lacks of it, 90 at most."""
+    """Return the (...,) distances [degrees, 0 to 90] of rotations from an orientation whose angles are not unique. There the first and the
+    last axis of three turns lie on one line: the distance is the angle between them. A rotation vector is not unique at half a turn; its
+    distance is the rest of the half turn, at most 90."""
     c = convention(name)
     if c.axes == "rotvec":
         return np.minimum(180.0 - np.degrees(rotation.magnitude()), 90.0)
@@ -165,7 +165,7 @@ TEMPERATURE_RANGE_C = (-100.0, 200.0)
 
 
 def check_temperature(values: ArrayLike, what: str) -> None:
-    """FileFormatError, naming what, for temperatures [deg C] outside `TEMPERATURE_RANGE_C` or not finite."""
+    """Raise FileFormatError, naming `what`, for temperatures [deg C] outside `TEMPERATURE_RANGE_C` or not finite."""
     numbers = np.atleast_1d(np.asarray(values, dtype=np.float64))
     low, high = TEMPERATURE_RANGE_C
     bad = ~((numbers >= low) & (numbers <= high))

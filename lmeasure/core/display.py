@@ -1,4 +1,4 @@
-"""Objects that say what they are: one line at a prompt, a small table in a notebook, a frame for everything else."""
+"""Display of objects: one line at a prompt, a small table in a notebook, a data frame for everything else."""
 
 from abc import abstractmethod
 from typing import TYPE_CHECKING, Any

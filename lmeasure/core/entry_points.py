@@ -1,7 +1,7 @@
 """Kinds that other installed packages add, each an object behind an entry point of one of `GROUPS`.
 
-Entry points are read when a name or suffix is none of this program's own, or when all are listed: no command pays for them otherwise, and a
-package that cannot be loaded stops only what needs it.
+Entry points are read for a name or suffix that is not this program's own, or for a list of all; other commands lose no time. A package that
+cannot be loaded stops only the commands that need it.
 """
 
 import importlib.metadata
@@ -37,7 +37,7 @@ def _source(entry: importlib.metadata.EntryPoint) -> str:
 
 @cache
 def _loaded(group: str, name: str) -> "object | PlugInError":
-    """Return what an entry point names, or why there is nothing."""
+    """Return the object of an entry point, or its error."""
     entry = _entries(group)[name]
     sources = sorted(_source(one) for one in importlib.metadata.entry_points(group=group, name=name))
     if len(sources) > 1:
@@ -49,7 +49,7 @@ def _loaded(group: str, name: str) -> "object | PlugInError":
 
 
 def _kind(group: str, name: str, kind: type[Kind]) -> Kind | PlugInError:
-    """Return what an entry point names, where it is of that kind."""
+    """Return the object of an entry point if it is of that kind, or its error."""
     found, entry = _loaded(group, name), _entries(group)[name]
     if not isinstance(found, PlugInError):
         _in_use.append((group, name))
@@ -120,7 +120,7 @@ def plug_ins_in_use() -> str:
 
 
 def version_of(name: str) -> str:
-    """Return the version of a package as it was installed; "unknown" where what tells it was removed, as packagers do."""
+    """Return the version of an installed package; "unknown" if its metadata were removed, as packagers do."""
     try:
         return version(name)
     except PackageNotFoundError:
@@ -128,8 +128,8 @@ def version_of(name: str) -> str:
 
 
 def how_to_install(extra: str) -> str:
-    """The command that installs what an extra of this program needs: from this program's folder, which no index has, or, where it is
-    installed without one, the packages themselves."""
+    """Return the command that installs an extra: from this program's folder, since no index has it, or without one the packages
+    themselves."""
     installs = _installer()
     folder = Path(__file__).resolve().parents[2]
     if (folder / "pyproject.toml").is_file():
@@ -143,7 +143,8 @@ def how_to_install(extra: str) -> str:
 
 
 def _installer() -> str:
-    """What installs into the environment that runs here: the `pip` of the path may be another's, and uv makes environments without one."""
+    """Return the installer of the running environment: the `pip` of the path may belong to another, and uv makes environments without
+    one."""
     if find_spec("pip") is None:
         return f"uv pip install --python {sys.executable}"
     return f"{sys.executable} -m pip install"

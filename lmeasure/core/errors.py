@@ -8,7 +8,7 @@ LONGEST_TEXT = 1000
 
 
 def shortened(text: str) -> str:
-    """The text without its middle, where it is longer than anybody reads; its beginning names the file, its end often what to do."""
+    """Return a very long text without its middle: its beginning names the file, its end often the remedy."""
     return text if len(text) <= LONGEST_TEXT else f"{text[: LONGEST_TEXT - 205]} ... {text[-200:]}"
 
 
@@ -35,7 +35,7 @@ class LMeasureError(Exception):
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """Everything that is wrong, a line each; the first is what the error was raised with."""
+        """Return all faults, a line each; the first is the text of the error."""
         return tuple(one_line(text) for text in self.complaints) or (str(self),)
 
 
@@ -52,7 +52,7 @@ class OverwriteError(LMeasureError):
 class SettingsError(LMeasureError):
     """An option that makes no sense: missing, unknown, of another kind, out of its range, or beside another. Exit code 2.
 
-    option is its name in the settings, empty where no single one is wrong; text is what is wrong with it, without the name.
+    option is its name in the settings, empty where no single one is wrong; text is the fault without the name.
     """
 
     def __init__(self, option: str, text: str) -> None:
@@ -61,14 +61,14 @@ class SettingsError(LMeasureError):
 
 
 class CancelledError(LMeasureError):
-    """Whoever watches the work has ended it: raised by a progress callback. No half-written file is left."""
+    """The user has ended the work: raised by a progress callback. No half-written file is left."""
 
     def __init__(self, text: str = "interrupted; nothing was left half-written") -> None:
         super().__init__(text)
 
 
 class FileFormatError(LMeasureError, ValueError):
-    """A file cannot be read as what it should be: not there, not TOML, a missing column, a cell that is not a number."""
+    """File in a wrong form: missing, not TOML, without a column, with a cell that is no number."""
 
 
 class RigError(FileFormatError):
@@ -88,7 +88,7 @@ class TrajectoryError(LMeasureError, ValueError):
 
 
 class AcquisitionError(LMeasureError, OSError):
-    """A bus or a log that does not deliver what the rig says it should."""
+    """Bus or log without the signals of the rig."""
 
 
 class RecordedError(OverwriteError, AcquisitionError):
@@ -96,7 +96,7 @@ class RecordedError(OverwriteError, AcquisitionError):
 
 
 class AccuracyError(LMeasureError, ValueError):
-    """An accuracy zone or a placement that cannot be worked out from what was asked."""
+    """Accuracy zone or placement that cannot be computed with these settings."""
 
 
 class StructureError(LMeasureError, ValueError):
@@ -112,15 +112,15 @@ class OtherTrajectoryError(CertificationError):
 
 
 class KeyKeptError(OverwriteError, CertificationError):
-    """A key is there already: what it signed could not be checked any more."""
+    """Existing key that must not be replaced: its signatures could not be checked any more."""
 
 
 class ForeignFolderError(OverwriteError, CertificationError):
-    """Where a certificate is to be written stands something else than an earlier certificate."""
+    """Folder for a certificate that contains anything but an earlier certificate."""
 
 
 class RobotError(LMeasureError, ValueError):
-    """A robot that cannot do what its program asks; `sample` is where, when a path was asked."""
+    """Robot that cannot carry out its program; `sample` is the place in a path."""
 
     def __init__(self, text: str, sample: int | None = None) -> None:
         super().__init__(text)

@@ -17,9 +17,9 @@ def lagrange(time_s: FloatArray, at: FloatArray) -> FloatArray:
 
 
 class OtherTimes:
-    """Where instants at_s (n,) lie among samples taken at time_s (k,). hole: median sample intervals from which an interval is one.
+    """Position of instants at_s (n,) among samples taken at time_s (k,). hole: median sample intervals from which an interval is a hole.
 
-    outside, in_hole (n,): instants beyond the samples, or between two that are a hole apart.
+    outside, in_hole (n,): instants beyond the samples, or in a hole between two.
     """
 
     def __init__(self, time_s: FloatArray, at_s: FloatArray, hole: float) -> None:
@@ -48,7 +48,7 @@ class OtherTimes:
         self._cubic, self._weights = about[calm], weights[:, calm]
 
     def either(self, mask: BoolArray) -> BoolArray:
-        """(n,) whether a sample of which an instant's value is read is in a mask (k,)."""
+        """Return (n,) whether either sample of an instant's value is in a mask (k,)."""
         return np.asarray((mask[self._left] & ~self._at_right | mask[self._right] & ~self._at_left) & ~self.outside)
 
     def read(self, values: FloatArray, good: BoolArray, quantum: float, smooth: float) -> tuple[FloatArray, FloatArray]:

@@ -1,8 +1,8 @@
 """Square roots of covariances, the same on every machine.
 
 LAPACK chooses the sign of an eigenvector, and any basis among equal eigenvalues: two builds of it give two factors V sqrt(L), both right,
-and what is drawn by them with the same seed differs as two draws do. A third party must come to the same figures: the symmetric root
-V sqrt(L) V' is one and the same whatever was chosen.
+and draws by them with the same seed differ. A third party must get the same results: the symmetric root V sqrt(L) V' does not depend on the
+choice.
 """
 
 import numpy as np
@@ -14,10 +14,10 @@ SAME = 1e-12  # One less the correlation from which two parameters are one that 
 
 
 def symmetric_root(covariance: FloatArray) -> FloatArray:
-    """(..., k, k) symmetric square roots of covariances (..., k, k); NaN (what is not measured) counts as zero.
+    """Return the (..., k, k) symmetric square roots of covariances (..., k, k); NaN (not measured) counts as zero.
 
-    What is rounded off an eigenvalue of zero would be 1e-8 of the largest in its root, and another number on each processor. How many are
-    zero is given in units of each component's own width, for millimetres say nothing of radians; rank is the same in all units.
+    The rounding of a zero eigenvalue would be 1e-8 of the largest in its root, and another number on each processor. The number of zeros is
+    decided in units of each component's own width, since millimetres and radians are not comparable; rank is the same in all units.
     """
     covariance = np.nan_to_num(covariance)
     width = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0.0))
@@ -31,11 +31,11 @@ def symmetric_root(covariance: FloatArray) -> FloatArray:
 
 
 def covariance_root(covariance: FloatArray, width: FloatArray) -> FloatArray:
-    """(p, r) F with F F^T the covariance (p, p), of the columns of the symmetric root; width (p,): a standard uncertainty of each
+    """Return (p, r) F with F F^T the covariance (p, p), of the columns of the symmetric root; width (p,): a standard uncertainty of each
     parameter, 0 where it is exact.
 
-    Parameters are millimetres and radians, known well and badly: what is nothing can only be determined in units of their own widths. One
-    that several cables share stands in the covariance several times, and once in F, where what is exact has no column.
+    Parameters are millimetres and radians, with small and large uncertainties: zero is only defined in units of their own widths. A
+    parameter of several cables is in the covariance several times, and once in F. Exact ones have no column.
     """
     unit = np.where(width > 0.0, width, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))

@@ -1,8 +1,8 @@
 """Poses as arrays: composed, inverted, displaced, and twists taken from one frame to another. Compiled code has its own (`kernels.se3`).
 
 A pose is a row `x, y, z, qx, qy, qz, qw`, mm and a unit quaternion; an array of poses is (..., 7), any axes before the last one being a
-batch, and two arrays broadcast against each other. A name says which frames it joins: `a_from_b` takes coordinates in b to those in a,
-so that `compose(a_from_b, b_from_c)` is `a_from_c`. A pose that is not known (NaN) is none of these: ValueError.
+batch, and two arrays broadcast against each other. A name says which frames it joins: `a_from_b` takes coordinates in b to those in a, so
+that `compose(a_from_b, b_from_c)` is `a_from_c`. An unknown pose (NaN) raises ValueError.
 
 Twists and small errors are (omega; v), rotation first. A *displacement* delta is an error as every covariance here states it: a turn and a
 shift of the origin in the axes of the outer frame, R' = Exp(delta[:3]) R, p' = p + delta[3:]. The screw motion of a twist is `exp`.
@@ -81,8 +81,8 @@ def displacement(a_from_b: FloatArray, reference: FloatArray) -> FloatArray:
 
 
 def exp(twists: ArrayLike) -> FloatArray:
-    """(..., 7) what the screw motions of twists (..., 6), (omega [rad]; v [mm]) at the origin, make of the identity in unit time. Murray,
-    Li, Sastry, A Mathematical Introduction to Robotic Manipulation, 2.3: the shift is the left Jacobian of omega times v."""
+    """Return the (..., 7) poses of screw motions from the identity in unit time, for twists (..., 6), (omega [rad]; v [mm]) at the origin.
+    Murray, Li, Sastry, A Mathematical Introduction to Robotic Manipulation, 2.3: the shift is the left Jacobian of omega times v."""
     rows = np.asarray(twists, dtype=np.float64)
     return _joined(_turned(left_jacobians(rows[..., :3]), rows[..., 3:]), _exponential(rows[..., :3]))
 

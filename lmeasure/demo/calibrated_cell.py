@@ -117,14 +117,14 @@ def calibrated_cell(out: Path, true: Rig, rng: np.random.Generator, step: Step) 
 
 @dataclass(frozen=True)
 class RobotCell:
-    """true: the rig as it stands; calibration: what is known of it."""
+    """Robot in a cell. true: the built rig; calibration: its record."""
 
     true: Rig
     calibration: Calibration
 
     def record(self, done: Performance, rng: np.random.Generator, progress: Callable[[int, int], None] | None = None) -> Run:
-        """The run of a performance, over the bus. The counters are zeroed where the robot stands at its beginning, which a reference
-        instrument measures each time."""
+        """Return the run of a performance, over the bus. The counters are zeroed at the robot's first pose, which a reference instrument
+        measures each time."""
         moved = simulate_run(self.true, done.time_s, done.poses, noise_mm=0.0, rng=rng)
         recorded = record_motion(moved, progress)
         shift, turn = U_REFERENCE_MM * rng.normal(size=3), U_REFERENCE_RAD * rng.normal(size=3)

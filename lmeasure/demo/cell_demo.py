@@ -120,7 +120,7 @@ ROBOT_STEPS = 9
 
 PAGE = "demo.html"
 LOST_COUNTS = 200
-"""By which the fault of the page changes a counter."""
+"""Counts by which the page's fault changes a counter."""
 RUN_RATE_HZ = 500.0
 WAYPOINTS = 12
 ZONE_HALF_MM, ZONE_STEP_MM = 900.0, 150.0
@@ -128,7 +128,7 @@ ZONE_HALF_MM, ZONE_STEP_MM = 900.0, 150.0
 
 @dataclass(frozen=True)
 class Line:
-    """One line of the demo's table: what, its error against the truth, and what the program said of it without knowing the truth."""
+    """One line of the demo's table: a name, its error compared with the truth, and the program's prediction without the truth."""
 
     what: str
     error: str
@@ -137,7 +137,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Demo:
-    """Results of a demo: its figures as lines and as numbers, what to know besides, and the files to look at, the most telling first."""
+    """Results of a demo: its figures as lines and as numbers, remarks, and the files to look at, the most informative first."""
 
     lines: tuple[Line, ...]
     figures: Mapping[str, float]

@@ -1,6 +1,6 @@
-"""A simulated cell that somebody plays with: a robot in the cables of a rig, and a hand that pulls them.
+"""A simulated cell to play with: a robot in the cables of a rig, and a hand that pulls them.
 
-It differs from the rig that a person has measured as a built one does. What its counters show is taken row by row, for a bus.
+It differs from the nominal rig as a built one does. Its counts are read row by row, for a bus.
 """
 
 import math
@@ -27,16 +27,15 @@ SPEED_MM_S, TURN_RAD_S = 400.0, 1.0
 REST_S = 0.5
 """Before and behind a motion."""
 STOPS, STOPS_MM, STOPS_RAD = 6, 150.0, 0.1
-"""Of a motion that nobody has written."""
+"""Stops of the default motion."""
 HOME = "home"
 
 
 @dataclass(frozen=True)
 class Built:
-    """Construction of the cell: points within off_mm of where the rig says, along each axis, guides within off_deg; the robot takes its
-    poses
-    with standard deviations u_mm and u_deg of each coordinate and about each axis, the same whenever it comes back; exchanged: channels
-    whose encoders have changed their places."""
+    """Construction of the cell: points within off_mm of the rig's, along each axis, guides within off_deg; the robot takes its poses with
+    standard deviations u_mm and u_deg of each coordinate and about each axis, the same at each return; exchanged: channels with swapped
+    encoders."""
 
     off_mm: float = 0.0
     off_deg: float = 0.0
@@ -59,9 +58,8 @@ def built_rig(rig: Rig, how: Built, rng: np.random.Generator) -> Rig:
 class PlayedCell:
     """Counts of one pass of a cell, row by row, while it is played with.
 
-    home (7,): where the robot stands, and where counters are zeroed. poses: those that it can be sent to; commands: a list of commands as
-    `program` writes it, which are the motion then. GeometryError where a cable cannot run at home, LMeasureError for a motion that cannot
-    be made.
+    home (7,): the robot's first pose, at which counters are zeroed. poses: targets for it; commands: a list of commands in the form of
+    `program`, which is the motion then. GeometryError if a cable cannot run at home, LMeasureError for an impossible motion.
     """
 
     def __init__(
@@ -93,12 +91,12 @@ class PlayedCell:
 
     @property
     def moves(self) -> bool:
-        """Whether something is still being done."""
+        """Return whether anything still moves."""
         return bool(self._rows)
 
     @property
     def cables(self) -> list[str]:
-        """Names of what a hand can pull or turn."""
+        """Return names that a hand can pull or turn."""
         return [o.name for o in self._observed]
 
     @property
@@ -112,7 +110,7 @@ class PlayedCell:
         return [] if self._poses is None else list(self._poses.names)
 
     def stands_at(self) -> list[float]:
-        """Where the robot stands or goes, as commanded: x, y, z [mm] and the angles of the rig's convention."""
+        """Return the robot's present or next pose as commanded: x, y, z [mm] and the angles of the rig's convention."""
         turn = angles_from_rotation(self.rig.angles, se3.rotation(self._here[None]))[0]
         return [round(float(v), 6) + 0.0 for v in (*self._here[:3], *turn)]
 
@@ -126,7 +124,7 @@ class PlayedCell:
         return out
 
     def do(self, text: str) -> str:
-        """Return what a line asks for, behind what is still being done; what is said to that. LMeasureError for what it cannot do."""
+        """Do the action of a line, after those still going on, and return the answer. LMeasureError for an impossible one."""
         word, _, rest = text.strip().partition(" ")
         name, _, much = rest.strip().rpartition(" ") if word in ("pull", "swing") and " " in rest.strip() else (rest.strip(), "", "")
         if word == "pull":
@@ -172,7 +170,7 @@ class PlayedCell:
         return message("demo.drum_turned_once", name=name)
 
     def _channel(self, name: str) -> int:
-        """By a cable's or an encoder's name, its point or its channel."""
+        """Return the channel of a cable's or an encoder's name."""
         for j, o in enumerate(self._observed):
             names = {o.name, o.channel, *([o.from_point] if o.is_cable else [])}
             if name in names:
@@ -226,7 +224,7 @@ def _number(text: str, usual: float) -> float:
 
 
 def _order(observed: tuple[Observed, ...], exchanged: tuple[str, ...]) -> list[int]:
-    """Which counter each channel carries."""
+    """Return the counter of each channel."""
     channels = [o.channel for o in observed]
     order = list(range(len(channels)))
     unknown = next((c for c in exchanged if c not in channels), None)
@@ -252,5 +250,5 @@ def _motion(
 
 
 def _way(here: FloatArray, there: FloatArray, rate_hz: float) -> FloatArray:
-    """From rest to rest."""
+    """Return the way from rest to rest."""
     return smooth_path(here, [Leg(here, dwell_s=REST_S), Leg(there, SPEED_MM_S, TURN_RAD_S, REST_S)], rate_hz)[1]

@@ -95,12 +95,12 @@ TESTS = Tests(
     limit_band_mm=0.05,
     angles="fanuc-wpr",
 )
-"""At one speed and load, with short rests and fewer cycles of some tests, so that it does not take an hour."""
+"""Tests at one speed and load, with short rests and fewer cycles of some tests, to save time."""
 
 
 @dataclass(frozen=True)
 class Held:
-    """A characteristic held against the truth: value and U95 as certified, true_value from the true poses of the same cycles."""
+    """A characteristic compared with the truth: value and U95 as certified, true_value from the true poses of the same cycles."""
 
     name: str
     where: str
@@ -173,8 +173,7 @@ def robot_demo(
 
 
 class Tested(NamedTuple):
-    """A robot that was tested: its characteristics beside their truth, what correction made of it, and what was measured, beside the true
-    poses (n, 7)."""
+    """A tested robot: its characteristics beside their truth, the effect of correction, and the measured beside the true poses (n, 7)."""
 
     held: tuple[Held, ...]
     loop: Loop | None

@@ -1,4 +1,4 @@
-"""The loop closed: what is wrong with the robot is identified, its program corrected and run, and certified again beside the first time."""
+"""The closed loop: the robot is identified, its program corrected and run, and certified again beside the first time."""
 
 import json
 from collections.abc import Sequence
@@ -114,14 +114,14 @@ LOOP_STAGES = IDENTIFY, CORRECT, AGAIN, CERTIFY_AGAIN = (
     message("demo.certify_again"),
 )
 COMPARED = COMPARISON, PAGE = "comparison.json", "comparison.html"
-"""Both certificates side by side: the figures, and what a person looks at."""
+"""Both certificates side by side: the results, and the page."""
 IDENTIFIED_AT = 60
-"""At which the robot is measured for its identification, between those of the test and beyond."""
+"""Number of poses for the robot's identification, between those of the test and beyond."""
 RESTS_S = 0.9
 INSIDE = 0.9
-"""Of the work space that the cell is calibrated over."""
+"""Part of the work space over which the cell is calibrated."""
 STANDS = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-"""The program's frame is the instrument's: what is corrected is where the robot stands, too."""
+"""Base frame of the robot in the program's frame, the instrument's: the correction includes the robot's position."""
 
 
 @dataclass(frozen=True)
@@ -137,8 +137,8 @@ class Retest:
 
 @dataclass(frozen=True)
 class Loop:
-    """Results. true_mm: mean distance of where the robot stood from the commanded poses, before and after, as a simulation alone
-    knows it; look: the files to look at."""
+    """Results. true_mm: mean distance of the robot's true from the commanded poses, before and after, known to a simulation alone; look:
+    the files to look at."""
 
     identified: Judged
     corrected: Corrected
@@ -161,8 +161,8 @@ def close_loop(
 ) -> Loop:
     """Identify the robot, correct and run its program, and compare its certificate with the first in `out`; all files into `out`.
 
-    first: the program that was certified, and how it was carried out; the robot goes on from there, as warm as it then was.
-    thorough: judge the identification by poses that are held out of it, and by fewer poses; else it takes a third of the poses.
+    first: the certified program, and its performance; the robot continues from there, as warm as then. thorough: judge the identification
+    by validation poses, and by fewer poses; else it takes a third of the poses.
     """
     warm_s = float(first[1].time_s[-1])
     report = step(IDENTIFY)
@@ -208,7 +208,7 @@ def close_loop(
 
 
 def standing(program: Program, done: Performance) -> float:
-    """Mean distance [mm] over the poses P1 to P5 of where the robot truly stood, in the mean of its cycles, from where it was sent."""
+    """Return the mean distance [mm] over the poses P1 to P5 of the robot's true mean pose from the command."""
     distances = []
     for pose in program.pose:
         if pose.name in POSES and pose.windows_s:
@@ -226,7 +226,7 @@ def identified(drawn: Robot, run: Path, joints: Path, *, thorough: bool = True) 
 
 
 def _compared(out: Path, judged: Judged, corrected: Corrected, true_mm: tuple[float, float], language: str) -> Loop:
-    """The page, the figures behind it, and what is looked at first."""
+    """Return the page, the results behind it, and the files to look at first."""
     folders = (out / "certificate", out / "again" / "certificate")
     certificates = [(name, read_certificate(folder / CERTIFICATE)) for name, folder in zip(("before", "after"), folders, strict=True)]
     comparison = compare_certificates(certificates)
@@ -238,7 +238,7 @@ def _compared(out: Path, judged: Judged, corrected: Corrected, true_mm: tuple[fl
 
 
 def _logged(robot: SimulatedRobot, done: Performance) -> dict[str, object]:
-    """Return what the controller says of each rest: its name, the time in its middle, and the joint values it was sent to."""
+    """Return the controller's log of each rest: its name, the time in its middle, and the commanded joint values."""
     joints = robot.nominal.follow(done.commanded, robot.rest)
     middle = [0.5 * (span.arrival_s + span.end_s) for span in done.spans]
     rows = joints[np.searchsorted(done.time_s, middle)]

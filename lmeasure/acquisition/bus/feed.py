@@ -97,8 +97,7 @@ class Pace:
 
     def wait(self) -> None:
         """Wait until the next row is due. After a delay by the machine, rows come at up to twice the rate until they are in time again: a
-        minute has all its rows, and no drum seems to turn twenty times as fast.
-        """
+        minute has all its rows, and no drum seems to turn twenty times as fast."""
         sent = self._now()  # the row before, wherever this program was kept waiting while it was sent
         self._sleep(max(self._due - sent, CLOSEST * self._period))
         self._due = max(self._due + self._period, self._now() - BEHIND_S)

@@ -45,8 +45,7 @@ ERROR_BITS = (0x01, 0x02, 0x04, 0x08, 0x10, 0x20, 0x40, 0x80, 0x100, 0x200)
 @dataclass(frozen=True)
 class Word:
     """Report in frame `row` of a batch: kind of event and text, for the fields `of` (all: the bus), and its effect on their origins: LOST,
-    DOUBTFUL or none.
-    """
+    DOUBTFUL or none."""
 
     row: int
     kind: str

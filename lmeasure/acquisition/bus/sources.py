@@ -393,7 +393,8 @@ class SimulatedSource(BusSource):
 
 
 def bus_opener(bus: str, bit_rate: int | None = None, options: Mapping[str, str | int] | None = None) -> Callable[[], "can.BusABC"]:
-    """Return a function that opens the bus INTERFACE:CHANNEL of python-can; see `open_source`. AcquisitionError for an unknown interface."""
+    """Return a function that opens the bus INTERFACE:CHANNEL of python-can; see `open_source`. AcquisitionError for an unknown
+    interface."""
     interface, _, channel = bus.partition(":")
     from lmeasure.acquisition.bus.python_can import can
 

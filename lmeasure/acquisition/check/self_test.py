@@ -49,8 +49,7 @@ class EncoderCheck:
 @dataclass(frozen=True)
 class _Motion:
     """Actions of a user on one sensor: before, the motion, and back. called: the sensor's name; act: the motion for a simulated cell;
-    about, least: wanted and smallest rise of the reading, in the unit; alone: whether the others of its kind must stand still.
-    """
+    about, least: wanted and smallest rise of the reading, in the unit; alone: whether the others of its kind must stand still."""
 
     before: str
     motion: str

@@ -226,8 +226,7 @@ class CounterState:
 
     def _judge(self, piece: _Piece, suspects: IntArray, ends: int, good: BoolArray, follows: BoolArray, events: EventLog) -> IntArray:
         """Return (n,) totals, wraps undone by the motion if it is unambiguous. good (n,) becomes False where the origin is lost or in
-        doubt, follows (n,) True where a count behind a gap was found to follow.
-        """
+        doubt, follows (n,) True where a count behind a gap was found to follow."""
         totals = self.total + np.cumsum(piece.steps)
         row = 0
         for i in [*suspects.tolist(), ends]:

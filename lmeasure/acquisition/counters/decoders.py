@@ -118,8 +118,7 @@ class Readings:
     int64 in device units (of an unsigned 64-bit field its two's complement), window (n,) number of SYNCs of the batch before it. sync (k,):
     positions of the SYNCs. Per field positions of frames: short, those too short for it; wider, where the byte behind it counted on when it
     passed its end: then the byte belongs to the counter, which has more bits than stated in the rig. void (k, 3): frame, field and value
-    whose value means that there is no count.
-    """
+    whose value means that there is no count."""
 
     frame: IntArray
     field: NDArray[np.int16]
@@ -286,8 +285,7 @@ def _dbc_field(c: DbcChannel, chosen: list[DbcChannel], database: Any, path: Pat
 
 def _stated_values(c: DbcChannel, signal: Any, scale: float) -> dict[str, Any]:
     """Return a DBC file's limits and names of a signal's values, in counts of `scale` a raw unit. Limits [min|max] are physical values and
-    mean nothing if both are 0. Named values (VAL_) are no counts.
-    """
+    mean nothing if both are 0. Named values (VAL_) are no counts."""
     if c.whole_range:
         return {}
     out: dict[str, Any] = {"names": {round(scale * v): str(name) for v, name in (signal.choices or {}).items() if is_no_value(str(name))}}

@@ -27,8 +27,7 @@ GAP = 1.6
 """Periods without a reading, in a log or of a free timer: behind them the motion decides whether the origin is the same."""
 PAUSE_PERIODS, PAUSE_S = 10.0, 0.25
 """The same for SYNCs of a live bus, in periods and seconds, and the pause of a bus that is reported. A busy host takes frames late, or
-loses SYNCs, for that long while every encoder runs on. In a log a single missing period is already a gap.
-"""
+loses SYNCs, for that long while every encoder runs on. In a log a single missing period is already a gap."""
 WINDOW_S = 0.02
 """Window for speeds and accelerations."""
 READINGS = 3
@@ -179,8 +178,7 @@ def folded(difference: FloatArray, modulus: FloatArray) -> FloatArray:
 
 class GoneOn:
     """Counts of m channels, given piece by piece, without the turns of absolute encoders with modulus (m,): they continue from the first
-    count.
-    """
+    count."""
 
     def __init__(self, modulus: FloatArray) -> None:
         self._modulus, self._latest = modulus, np.full(len(modulus), np.nan)

@@ -256,8 +256,7 @@ def _take(batch: Frames, found: dict[tuple[str, int, bool], Seen], before: int) 
 
 def _synchronised(carried: tuple[Carried, ...], seen: list[Seen]) -> tuple[tuple[Carried, ...], Carried | None]:
     """Return the carried objects, each counter with the SYNCs that it answers, and the SYNC: that which most counters answer, 80h before
-    others.
-    """
+    others."""
     best: tuple[tuple[int, bool, int], int, dict[int, int]] | None = None
     counters = [i for i, c in enumerate(carried) if c.counters]
     for i, one in enumerate(carried):

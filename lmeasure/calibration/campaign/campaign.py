@@ -1,4 +1,4 @@
-"""A calibration campaign: a nominal rig, reference poses of the robot, and what the counters showed there."""
+"""A calibration campaign: a nominal rig, reference poses of the robot, and the counts recorded there."""
 
 import itertools
 from dataclasses import dataclass, replace
@@ -105,17 +105,17 @@ class Campaign(Shown):
 
     @property
     def mm_per_unit(self) -> FloatArray:
-        """(m,) what makes residuals of all channels millimetres: those of angles are what they are at `ARM_MM`."""
+        """Return (m,) factors that make residuals of all channels millimetres; angles count as their way at `ARM_MM`."""
         return self.channels.per_unit
 
     @property
     def zero_variances(self) -> FloatArray:
-        """(m,) variances of what the zero poses' readings are off [recorded counts^2].
+        """Return the (m,) variances of the zero poses' readings [recorded counts^2].
 
-        A counter zeroed at its zero pose stands anywhere within its count there, unless that zero is exact, and every count since is off
-        by that phase. Of one that was not zeroed there, and shows another count than 0, the phase cancels; its reading there is rounded.
-        Either is uniform within half a count, and it is never both. Of several readings of a dwell the mean tells the phase as well as it
-        tells any length: what is left is what a mean of rounded readings is off (`calibration.campaign.dwells`).
+        A counter zeroed at its zero pose is anywhere within its count there, unless that zero is exact. Every later count has this offset.
+        If it was not zeroed there and its count is not 0, the offset cancels, but its reading there is rounded. Either error is uniform
+        within half a count, and both never occur together. The mean of several readings of a dwell measures the offset as well as any
+        length: the error of a mean of rounded readings remains (`calibration.campaign.dwells`).
         """
         if self.zero_variance is not None:
             return self.zero_variance
@@ -212,9 +212,9 @@ def of_cables(campaign: Campaign, keep: list[int]) -> Campaign:
 def extended(
     campaign: Campaign, more: Poses, counts: FloatArray, u_visit: FloatArray | None = None, *, reading: float = 1.0 / 12.0
 ) -> Campaign:
-    """The campaign with further poses (k), each visited once, and what is counted there (k, m).
+    """Return the campaign with k further poses, each visited once, and their counts (k, m).
 
-    u_visit (k, 6): as `Campaign` has it, exact by default; reading: variance of one reading [recorded counts^2]. Temperatures are left out.
+    u_visit (k, 6): as in `Campaign`, exact by default; reading: variance of one reading [recorded counts^2]. Temperatures are not extended.
     """
     n, k, m = len(campaign.poses), len(more), len(campaign.cables)
     before = np.full((n, m), 1.0 / 12.0) if campaign.dwell_variance is None else campaign.dwell_variance

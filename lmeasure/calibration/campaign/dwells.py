@@ -1,12 +1,11 @@
-"""Counts recorded while the robot stands still: their mean, and what a mean of rounded readings is worth.
+"""Counts recorded while the robot stands still: their mean, and the uncertainty of a mean of rounded readings.
 
-A still counter shows the same whole count again and again, and its mean is as far from the truth as one reading. Only noise that moves
-the count makes it worth something. Of a reading y = round(x + nu), nu Gaussian of standard deviation sigma [counts], the mean over nu is
-off x by
+A still counter shows the same whole count again and again, and its mean is as far from the truth as one reading. Only noise that moves the
+count makes the mean better. Of a reading y = round(x + nu), nu Gaussian of standard deviation sigma [counts], the mean over nu is off x by
 
     b(x) = sum over j of (-1)^j / (pi j) exp(-2 pi^2 j^2 sigma^2) sin(2 pi j x),
 
-whose mean square over all x is B(sigma) = sum of exp(-4 pi^2 j^2 sigma^2) / (2 pi^2 j^2), 1/12 without noise and gone beyond half a count
+whose mean square over all x is B(sigma) = sum of exp(-4 pi^2 j^2 sigma^2) / (2 pi^2 j^2), 1/12 without noise and zero beyond half a count
 (Widrow and Kollar, Quantization Noise, 2008, ch. 9). The scatter of readings about their mean is s^2 = sigma^2 + 1/12 - B(sigma), for the
 error of one reading is sigma^2 + 1/12 in all. So s, pooled over the dwells of a channel, gives sigma, and the mean of n readings has the
 variance B + s^2/n. The noise of readings must be independent: readings taken faster than a structure swings are one.

@@ -161,7 +161,7 @@ def _temperatures(stated: files.Table, counts: files.Table, pose_of: IntArray) -
 
 
 def _dwell(recorded: FloatArray, drum: Drum | SensorTable, what: str) -> FloatArray:
-    """The readings of one dwell, a wrap among them undone; FileFormatError where the robot cannot have stood still."""
+    """Return the readings of one dwell with wraps undone; FileFormatError if the robot cannot have been at rest."""
     change = recorded - recorded[0]
     full = drum.codes if drum.codes is not None else None if drum.counter_bits is None else 2.0**drum.counter_bits
     if full is not None:
@@ -201,7 +201,7 @@ def _angles(table: files.Table, columns: tuple[str, ...]) -> FloatArray | None:
 
 
 def _source(table: files.Table) -> Source:
-    """What measured the reference poses, by the column `reference`; FileFormatError where it names several, or nothing that is known."""
+    """Return the source of the reference poses from the column `reference`; FileFormatError for several or unknown ones."""
     given = dict.fromkeys(table.text("reference")) if "reference" in table.columns else {"unknown": None}
     if len(given) != 1 or not set(given) <= set(get_args(Source)):
         raise FileFormatError(
@@ -225,8 +225,8 @@ def _column(table: files.Table, name: str) -> FloatArray | None:
 
 
 def further_columns(folder: Path, new: int) -> dict[str, FloatArray]:
-    """What the reference poses of a folder state beside their covariances, with `new` poses more: the robot is taken to come to them no
-    better than to any other; their temperatures nobody knows yet (NaN)."""
+    """Return a folder's statements on the reference poses beside their covariances, extended by `new` poses. The robot comes to new poses
+    no better than to any other; their temperatures are unknown (NaN)."""
     stated, out = files.read_table(Path(folder) / "reference_poses.csv"), {}
     for name in (*_REPEATABILITY, "temperature_c"):
         values = _column(stated, name)
@@ -246,7 +246,7 @@ def _repeatability(stated: files.Table) -> FloatArray | None:
 
 
 STILL_PART = 0.1
-"""Of the way between poses: a cable that the nominal rig lets change by less may well not have changed at all."""
+"""Part of the way between poses: a cable that the nominal rig changes by less may not have changed at all."""
 
 
 def _checked(campaign: Campaign, path: Path) -> Campaign:

@@ -1,8 +1,8 @@
-"""Known distances between poses that are found with the rig: the length that a self-calibration takes its scale from.
+"""Known distances between poses that are found with the rig: they give a self-calibration its scale.
 
-A rig, its poses and its counts' lengths made larger together change hardly a residual, so that a distance D of uncertainty u adds what
-the fit does not tell. With g the derivatives of the distance by all unknowns and C their covariance, k = C g / (g'C g + u^2), the unknowns
-move by k (D - d) and what they err by becomes (I - k g') of what it was, and k u (the linear least squares of both, in Joseph's form).
+Residuals hardly change if a rig, its poses and the length of its counts grow together. So a distance D of uncertainty u adds information.
+With g the derivatives of the distance by all unknowns and C their covariance, k = C g / (g'C g + u^2). The unknowns move by k (D - d).
+Their errors become (I - k g') times the former ones, and k u (the linear least squares of both, in Joseph's form).
 """
 
 from collections.abc import Sequence
@@ -32,9 +32,9 @@ class Distance(NamedTuple):
 
 
 def with_distances(model: Model, found: Fit, distances: Sequence[Distance]) -> tuple[Fit, list[Finding]]:
-    """The fit with known distances taken into account, one after the other, and what each was off by before.
+    """Return the fit with known distances, one after the other, and the error of each before.
 
-    CalibrationError where poses are not found with the rig, or have not these names.
+    CalibrationError if poses are not found with the rig, or lack these names.
     """
     findings = []
     for asked in distances:

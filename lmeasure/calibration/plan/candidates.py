@@ -12,7 +12,7 @@ from lmeasure.calibration.plan.reach import Region, Usable
 from lmeasure.core import BoolArray, FloatArray
 
 APART = 0.1
-"""Two poses must differ by this part of a coordinate's range: a pose visited twice repeats its rounding, and tells nothing new."""
+"""Two poses must differ by this part of a coordinate's range: a second visit repeats the rounding and adds no information."""
 
 ZERO_TRIES = 24
 LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0)

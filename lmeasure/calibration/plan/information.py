@@ -1,10 +1,9 @@
 """Information of counts at a pose, which `estimation.information` sums, for a rig's cables.
 
-What errs at the zero pose is shared by all equations of its cables: the pose, the robot's way of coming to it, where within a count the
-counters were zeroed. These shared errors of the cables are L eta, L L^T their covariance; a pose's own are diag(counts) + P_c U P_c^T.
-Poses already recorded may share more than that (visits, several zero poses); with K the covariance of their errors with eta they bring
-[J W, K]^T (V - K K^T)^{-1} [J W, K], W the prior widths. Temperature, stretch and sag are left out: what is uncertain in them no choice
-of poses cures.
+Errors at the zero pose are shared by all equations of its cables: the pose, its approach by the robot, the sub-count offset at zeroing.
+These shared errors of the cables are L eta, L L^T their covariance; a pose's own are diag(counts) + P_c U P_c^T. Poses already recorded may
+share more than that (visits, several zero poses); with K the covariance of their errors with eta they bring [J W, K]^T (V - K K^T)^{-1} [J
+W, K], W the prior widths. Temperature, stretch and sag are omitted: no choice of poses reduces their uncertainty.
 """
 
 import math
@@ -26,8 +25,8 @@ from lmeasure.text import message
 
 @dataclass(frozen=True)
 class Zero:
-    """Where the counters are zeroed: rows (z, 7) of distinct poses, of (m,) which of them each cable has, and a root (m, r) of the
-    covariance [mm^2] of what the cables' residuals err by there."""
+    """Zero poses of the counters: rows (z, 7) of distinct poses, (m,) the index of each cable's, and a root (m, r) of the covariance [mm^2]
+    of the cables' residuals from errors there."""
 
     rows: FloatArray
     of: IntArray
@@ -142,6 +141,6 @@ class Instrument:
 
 
 def _root(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(m, m) eigenvectors of a covariance (m, m), and scaled to its root: as few columns as there are cables, whatever it is made of."""
+    """Return (m, m) eigenvectors of a covariance (m, m), also scaled to its root, with as many columns as cables."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors), np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

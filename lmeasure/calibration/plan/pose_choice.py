@@ -1,4 +1,4 @@
-"""Which reference poses to measure: those that leave the least uncertainty in the lengths predicted over a zone."""
+"""Choice of the reference poses that leave the least uncertainty in the lengths predicted over a zone."""
 
 import math
 from collections.abc import Callable
@@ -79,12 +79,12 @@ class Outlook:
 
 @dataclass(frozen=True, repr=False)
 class Plan(Shown):
-    """Reference poses to measure, and what they are predicted to bring.
+    """Reference poses to measure, and the predicted uncertainty.
 
-    poses: all of them, recorded ones first, without their later visits; recorded: how many of them were there before. course: (number of
-    poses, outlook) as the planned poses are measured one after the other, then with the further poses. without: (name, outlook) of the
-    plan less one of its poses, but for the zero pose. parameters: (name, u, prior u). undetermined: what no count of the plan tells.
-    usable: part of the tried poses that every cable allows, and broken: (limit, part that breaks it).
+    poses: all of them, recorded ones first, without their later visits; recorded: how many of them existed before. course: (number of
+    poses, outlook) as the planned poses are measured one after the other, then with the further poses. without: (name, outlook) of the plan
+    without one of its poses, the zero pose excepted. parameters: (name, u, prior u). undetermined: combinations that no count of the plan
+    determines. usable: part of the tried poses that every cable allows, and broken: (limit, part that breaks it).
     """
 
     poses: Poses
@@ -99,7 +99,7 @@ class Plan(Shown):
     broken: tuple[tuple[str, float], ...]
 
     def about(self) -> dict[str, str]:
-        """Return how many poses, and what they bring."""
+        """Return the number of poses, and their predicted uncertainty."""
         lengths = f"{self.outlook.rms_mm:.4f} mm rms, {self.outlook.worst_mm:.4f} at worst"
         return {"poses": f"{len(self.poses)}, {self.recorded} recorded", "predicted u of lengths": lengths}
 
@@ -191,8 +191,8 @@ class PredictedLengths:
 
 
 def lengths_over(instrument: Instrument, zone: Region, log2: int, seed: int) -> PredictedLengths:
-    """All cables of the rig that leave a measured point, whatever their pass; changes since the middle of the zone, where a run is
-    zeroed. Poses that a cable cannot reach are left out."""
+    """Return predicted lengths of all cables of the rig to a measured point, of any pass. Changes count from the middle of the zone, the
+    zero pose of a run. Poses that a cable cannot reach are omitted."""
     points = {c.from_point for c in instrument.cables}
     cables = tuple(c for c in instrument.rig.cable if c.from_point in points)
     kernel_rows = instrument.rig.cable_rows(cables)
@@ -273,7 +273,7 @@ def _described(
 
 
 def outlook_of(information: FloatArray, lengths: PredictedLengths) -> Outlook:
-    """Return what counts with the information (p, p) in prior widths, no prior in it, tell of lengths."""
+    """Return the outlook for lengths from counts with the information (p, p) in prior widths, without priors."""
     covariance, rank = estimated_covariance(information)
     inside, corners = (np.sum((g @ covariance) * g, axis=2) for g in (lengths.inside, lengths.corners))
     worst = np.maximum(inside.max(axis=0), corners.max(axis=0))
@@ -292,7 +292,7 @@ def _poses(settings: PlanSettings, recorded: Campaign | None, design: Design[Can
 
 
 def _predicted_fit(instrument: Instrument, recorded: Campaign | None, new: Poses) -> tuple[Fit, Model]:
-    """Return what the estimator itself will say of the plan: its fit to counts as the rig predicts them, not rounded."""
+    """Return the estimator's own fit of the plan: to the counts that the rig predicts, not rounded."""
     n, m = len(new), len(instrument.cables)
     if recorded is None:
         campaign = Campaign(instrument.rig, new, instrument.cables, np.zeros((n, m)), np.zeros(m, np.int64))
@@ -313,8 +313,7 @@ def _line(first: str, outlook: Outlook, unknowns: int, note: str = "") -> str:
 
 
 def plan_summary(plan: Plan) -> str:
-    """The predicted uncertainty, as the poses are measured one after the other and with further ones, and what the plan does not
-    determine."""
+    """Return the predicted uncertainty after each pose and with further ones, and the parameters that the plan does not determine."""
     outlook, unknowns = plan.outlook, len(plan.parameters)
     predicted = message("calibration.predicted_worst_u_mm", worst=outlook.worst_mm, cable=outlook.worst_cable, rms=outlook.rms_mm)
     exact = not (plan.poses.u_position_mm.any() or plan.poses.u_rotation_rad.any())

@@ -1,4 +1,4 @@
-"""Where reference poses may lie: the robot's box and tilts, and the poses at which every cable can be trusted."""
+"""Possible reference poses: the robot's box and tilts, and the poses at which every cable can be trusted."""
 
 import math
 from dataclasses import dataclass
@@ -15,8 +15,8 @@ from lmeasure.sensors import effects_of, zero_at
 from lmeasure.text import message
 
 TO_THE_EDGE = 1.25
-"""Sobol points are stretched by this and cut to the unit cube: a fifth of the candidates' coordinates lie on the region's edge, where
-the poses that tell most are found."""
+"""Factor that stretches Sobol points, which are then cut to the unit cube: a fifth of the candidates' coordinates lie on the region's edge,
+where the most informative poses are."""
 
 AXIS_RADII = 2.0
 """An attachment point nearer to the swivel axis than this many pulley radii has no lever to turn the pulley into its plane."""
@@ -92,11 +92,11 @@ class Region:
 class Limits:
     """Limits that keep a cable taut and its length defined.
 
-    max_wrap_deg: largest angle wrapped on the swivel pulley; beyond 180 the free span turns back across the incoming cable.
-    min_span_mm: shortest free span; min and max length_mm: of the way from B to the attachment point, what the drum can take in and pay
-    out. clearance_mm: least distance between free spans, and from a free span to another cable's pulley. min_tension_n: least tension at
-    the drum, where the rig states how it goes. singular_deg: least distance to orientations whose angles are not unique in the rig's
-    convention, at which controllers show what they like.
+    max_wrap_deg: largest angle wrapped on the swivel pulley; beyond 180 the free span turns back across the incoming cable. min_span_mm:
+    shortest free span; min and max length_mm: from B to the attachment point, within the drum's capacity. clearance_mm: least distance
+    between free spans, and from a free span to another cable's pulley. min_tension_n: least tension at the drum, if the rig states its
+    tension. singular_deg: least distance to orientations whose angles are not unique in the rig's convention, at which controllers show
+    arbitrary angles.
     """
 
     max_wrap_deg: float = 170.0

@@ -1,12 +1,13 @@
-"""What a campaign tells of dimensions that are not solved but stated to be uncertain: length of a count, pitch of a groove, attachments.
+"""Estimates from a campaign for dimensions with a stated uncertainty that are not solved: length of a count, pitch of a groove,
+attachments.
 
 In the least squares they are errors of the residuals, r = r(theta) + C z with z of unit variance, so that V = R + C C'. At the optimum the
-residuals that remain tell z as well: its conditional mean is -C' V^-1 r, and with K the gain of the fit (Henderson, Biometrics 31, 1975)
+remaining residuals determine z as well: its conditional mean is -C' V^-1 r, and with K the gain of the fit (Henderson, Biometrics 31, 1975)
 
-    cov(z) = I - C' V^-1 (I - J K) C,        cov(theta, z) = -K C        (true less found),
+    cov(z) = I - C' V^-1 (I - J K) C,        cov(theta, z) = -K C        (true minus found),
 
-which is what solving for them with their stated uncertainties as priors would give. The calibrated rig has these values, or what the points
-were given to make up for a wrong drum would be left without it.
+the same as solving for them with their stated uncertainties as priors. The calibrated rig needs these values: its points compensate a wrong
+drum.
 """
 
 from dataclasses import dataclass
@@ -35,7 +36,7 @@ class Dimensions:
     residuals: FloatArray
 
     def entries(self, rig: Rig) -> tuple[Dimension, ...]:
-        """For the record; rig has the corrected values."""
+        """Return the entries of the record; rig has the corrected values."""
         u = np.sqrt(np.diag(self.covariance))
         return tuple(
             Dimension(
@@ -50,10 +51,10 @@ class Dimensions:
 
 
 def dimensions_of(model: Model, found: Fit, sized: Sized | None, *, corrected: bool = True) -> Dimensions:
-    """What a fit tells of the dimensions and parts that its rig states to be uncertain, or that are assumed to be; none where it has none.
+    """Return a fit's estimates of the dimensions and parts that its rig states or assumes to be uncertain.
 
-    Where the residuals are larger than anything explains they are not believed to tell it: nothing is corrected. Nor is it where only
-    chosen groups are to be solved: corrected. sized: what is known of sizes that nobody stated.
+    Nothing is corrected if the residuals are larger than any explanation, or if only chosen groups are solved (corrected). sized: estimates
+    of sizes without a statement.
     """
     u = np.array([v.u for v in model.unsolved.variables for _ in v.names])
     names = model.unsolved.names

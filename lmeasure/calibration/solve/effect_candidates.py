@@ -1,7 +1,7 @@
-"""Which physical effect would explain what is left of a calibration's residuals, each by its own law, and how seldom chance looks like it.
+"""Physical effects that explain the rest of a calibration's residuals, each by its own law, with the probability of chance.
 
     run-out of a drum         a cos(2 pi k/N) + b sin(2 pi k/N) of its lengths                        (`sensors.imperfect_parts`)
-    eccentric pulley          two components of its groove's way off the axle                         (likewise)
+    eccentric pulley          two components of its groove's distance from the axle                         (likewise)
     drum's diameter, pitch    derivatives by the length of a count and by the groove's pitch; another cable's diameter is the first
     pulley's radius           derivative by it
     swivel axis off the groove's tangent by d    -d sin phi of its lengths                            (`sensors.imperfect_parts`)
@@ -11,12 +11,12 @@
                               axis, as a castor whose trail is R (1 - cos phi), and the encoder is off by d/(R (1 - cos phi))
     encoder's axis tilted     the encoder turns about another axis than the pulley: alpha and beta of the encoder's own
 
-Each is one to two columns that may be added to the residuals; what they would take of chi-squared, against what the rest leaves, is an F
-test (`estimation.deletion`), whose probability is multiplied by the number of effects tried (Bonferroni): under `CHANCE` one is named,
-which a campaign without any does by chance no more often. Those that come within odds of a hundred of it are named with it: each is solved
-for, as a large one bends the fit, and those that still come near the best stay. Then the rest are tried again on what the best leaves, and
-so on; and in the end what stands for each beside all others. Where one law may stand for either of two, one finding says so. Nothing is
-corrected. How large an effect must be to be named follows from the noncentral F distribution.
+Each is one or two columns that may be added to the residuals. Their part of chi-squared, compared with the rest, is an F test
+(`estimation.deletion`). Its probability is multiplied by the number of effects tried (Bonferroni). An effect is named if that is under
+`CHANCE`, the rate of false names in a campaign without any. Effects within odds of a hundred of it are named with it: each is solved for,
+as a large one bends the fit, and those near the best stay. The others are tried again on the residuals of the best, and so on. In the end
+the alternatives of each are tried beside all others. If one law may replace either of two, one finding names both. Nothing is corrected.
+The size at which an effect is named follows from the noncentral F distribution.
 """
 
 import math
@@ -43,15 +43,15 @@ POWER = 0.8
 MOST = 8
 """Effects that are named of one campaign: more is no matter of single parts."""
 LEAST_TRAIL = 0.02
-"""Of the radius: a pulley around which hardly any cable goes is turned by next to nothing."""
+"""Smallest part of the radius: a pulley that hardly touches its cable is turned by next to nothing."""
 ASK = {RUN_OUT.key: "run-out", ECCENTRICITY.key: "eccentricity", OFFSET.key: "offset"}
 """Name for `--solve`."""
 
 
 @dataclass(frozen=True)
 class Effect:
-    """kind: what it is; channel: of which channel; columns (e, c): what one unit of each component adds to the residuals; unit, and the
-    size of one in it; key: by which rig.toml states or solves it, empty where it has none."""
+    """Effect on a channel. kind: its law; columns (e, c): the residuals' change by one unit of each component; unit, and the size of one in
+    it; key: the key of rig.toml that states or solves it, empty without one."""
 
     kind: str
     channel: str
@@ -64,7 +64,7 @@ class Effect:
 
     @property
     def law(self) -> tuple[str, str]:
-        """By which it differs from others."""
+        """Return the part of the law that differs from others."""
         return self.kind, self.channel
 
 
@@ -78,7 +78,7 @@ class _Fitted:
 
     @cached_property
     def left(self) -> Remainder:
-        """Return what it leaves of the residuals."""
+        """Return the residuals without it."""
         left: Remainder = Deletion(self.found)
         for effect in self.by_columns:
             left = left.freed(effect.columns)
@@ -102,8 +102,8 @@ class _Fitted:
 
 @dataclass(frozen=True)
 class _Named:
-    """Effects that are followed together, each with log_p of chance where so many were tried; laws: of all that are not distinguished, as
-    they are said, those followed first."""
+    """Effects that are followed together, each with log_p of chance among so many; laws: the names of all that are not distinguished, those
+    followed first."""
 
     followed: tuple[tuple[Effect, float, int], ...]
     laws: dict[tuple[str, str], str]
@@ -114,7 +114,7 @@ class _Named:
         return self.followed[0][0]
 
     def joined(self, later: "_Named") -> "_Named":
-        """Both, where something else may stand for either."""
+        """Return both as one, if another law may replace either."""
         followed = (*self.followed, *later.followed)
         known = self.laws | later.laws
         first = [effect.law for effect, _, _ in followed]
@@ -122,7 +122,6 @@ class _Named:
 
     @property
     def finding(self) -> Finding:
-        """In words."""
         (_, log_p, tried), count = self.followed[0], len(self.followed)
         code = f"physical.left.{'one' if count == 1 else 'several'}{'_apart' if len(self.laws) > count else ''}"
         parts = [message(code, k=count, laws=tuple(self.laws.values()), p=math.exp(log_p), n=tried)]
@@ -156,7 +155,7 @@ def named_effects(model: Model, found: Fit) -> tuple[list[Finding], tuple[ShownE
 
 
 def _asked(at: _Fitted) -> tuple[_Named, _Fitted] | None:
-    """The effect that what is left asks for most, and the fit that takes it; None where chance may have made all of it."""
+    """Return the effect that explains most of the residuals, and the fit with it; None if chance may explain all."""
     judged = sorted(tested(at.left, at.tried), key=lambda pair: pair[0])
     log_p = judged[0][0] + math.log(len(judged)) if judged else 0.0
     if log_p > math.log(CHANCE) or not judged:
@@ -170,8 +169,8 @@ def _asked(at: _Fitted) -> tuple[_Named, _Fitted] | None:
 
 
 def _beside_the_others(begun: _Fitted, named: list[_Named]) -> list[_Named]:
-    """What stands for each where all others are taken: what was likely instead of the first may be the second itself, and what the first
-    stood for may be the others together."""
+    """Return the alternatives of each effect beside all others: the second may be an alternative of the first, or both may be the others
+    together."""
     others = [one.best for one in named]
     i, out = 0, list[_Named]()
     while i < len(others):
@@ -228,7 +227,7 @@ def tested(left: Remainder, tried: list[Effect]) -> Iterator[tuple[float, Effect
 
 
 def _shown(deletion: Remainder, effect: Effect, tried: int) -> ShownEffect | None:
-    """The size at which the F test passes `CHANCE` with `POWER`, the mean over its components' directions; None where nothing tells it."""
+    """Return the size at which the F test passes `CHANCE` with `POWER`, the mean over its components' directions; None if undetermined."""
     judged, left = deletion.added(effect.columns), deletion.freedom
     if judged is None or left - judged.freedom < MIN_FREEDOM:
         return None

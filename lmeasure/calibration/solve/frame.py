@@ -1,10 +1,9 @@
-"""Rig and poses moved as a whole: what lengths cannot tell, and the frame that is chosen instead.
+"""Motions of rig and poses as a whole, which lengths cannot determine, and the frame that is chosen instead.
 
 The frame is the one in which the squared shifts from the nominal rig, in units of their prior widths, or of the positions from the stated
 ones, are least (decision 12). With G(x) (q, 6) the derivatives of the unknowns by the six motions and x(nominal) their shifts the choice is
 the condition c = G'D(x - nominal) = 0, D the weights. A deviation dx of free length has the shift -G (C G)^-1 C dx that brings it back to
-the frame, C = dc/dx: the S-transformation (Baarda 1973). C differs from G'D by as much as the nominal rig, or the stated
-poses, are off.
+the frame, C = dc/dx: the S-transformation (Baarda 1973). C differs from G'D by the errors of the nominal rig or of the stated poses.
 """
 
 import math
@@ -45,7 +44,7 @@ class Chosen:
 
     @property
     def keeps_prior(self) -> bool:
-        """Priors of the rig are what the frame of the rig is chosen by."""
+        """Return whether the priors of the rig choose its frame."""
         return self.frame == "rig"
 
     def motions(self, theta: FloatArray) -> FloatArray:
@@ -79,8 +78,8 @@ def _zeros(model: Model) -> tuple[IntArray, IntArray]:
 
 
 def free_motions(model: Model) -> FloatArray:
-    """(6, g) which of the turns about the base axes and shifts no residual says anything of: all; but an encoder that knows where up is
-    leaves only the turns about that, an inclinometer or a swivel whose zero is exact."""
+    """Return (6, g) turns about the base axes and shifts that no residual determines. An encoder with a known vertical (an inclinometer, or
+    a swivel with an exact zero) leaves only turns about it; else all are free."""
     names, ways = model.parameters.names, []
     for c in model.campaign.cables:
         counter = model.campaign.rig.counter(c)
@@ -96,8 +95,9 @@ def free_motions(model: Model) -> FloatArray:
 
 
 def _turned_zeros(alpha: FloatArray, beta: FloatArray) -> FloatArray:
-    """(s, 3) derivatives of swivels' zeros [rad] by turns of everything about the base axes [rad]. The turn twists a guide's frame by w.u
-    about u, its angles alone by -sin(alpha) dbeta (`kernels.angles`); the reading stays what it was, so the zero follows the difference."""
+    """Return the (s, 3) derivatives of swivels' zeros [rad] by turns of everything about the base axes [rad]. A turn twists a guide's frame
+    by w.u about u, its angles alone by -sin(alpha) dbeta (`kernels.angles`); the reading stays the same, so the zero takes the
+    difference."""
     return np.stack([-np.sin(beta) / np.cos(alpha), -np.cos(beta) / np.cos(alpha), np.zeros_like(beta)], axis=1)
 
 
@@ -109,8 +109,8 @@ def _turned_guides(alpha: FloatArray, beta: FloatArray) -> tuple[FloatArray, Flo
 
 
 def motions(model: Model, theta: FloatArray) -> FloatArray:
-    """(p + d n, 6) what three turns [rad] about the base frame's origin and three shifts [mm] of rig and poses together do to the
-    unknowns, in their units. Observation points and guides move; what belongs to the tool or to a drum stays."""
+    """Return (p + d n, 6) derivatives of the unknowns, in their units, by three turns [rad] about the base frame's origin and three shifts
+    [mm] of rig and poses together. Observation points and guides move; parameters of the tool or of a drum stay."""
     out = np.zeros((len(theta), 6))
     place, guide = _places(model)
     out[place] = se3.at_points(theta[place])[:, 3:]

@@ -1,11 +1,11 @@
-"""Poses and observation points estimated together, where the reference poses are not known or not to be trusted.
+"""Poses and observation points estimated together, if the reference poses are unknown or cannot be trusted.
 
-With seven cables or more to a body, or four or more to one point, every pose brings more equations than it has unknowns. What is left over
+With seven cables or more to a body, or four or more to one point, every pose brings more equations than it has unknowns. The surplus
 calibrates the rig, as multilateration by tracking interferometers calibrates itself (Takatsuji and others, Meas. Sci. Technol. 9, 1998;
-Zhuang and others, 1992). Lengths tell nothing of where rig and poses are together: six motions of the whole are free, and the frame is
-chosen (`calibration.solve.frame`) - the free network of surveying (Mikhail and Ackermann, Observations and Least Squares, 1976, ch. 9). The
-scale is that of the counts' length. Poses of which only positions were measured lack three rotations each, which the counts tie; positions
-hold the frame, and no motion is free.
+Zhuang and others, 1992). Lengths do not determine the position of rig and poses together: six motions of the whole are free, and the frame
+is chosen (`calibration.solve.frame`) - the free network of surveying (Mikhail and Ackermann, Observations and Least Squares, 1976, ch. 9).
+The scale is that of the counts' length. Poses with measured positions only lack three rotations each, which the counts determine. Positions
+fix the frame, and no motion is free.
 """
 
 import numpy as np
@@ -28,9 +28,9 @@ RESTARTS = 2
 def solve_jointly(
     campaign: Campaign, solve: tuple[str, ...], prior: bool, free: tuple[int, ...], *, frame: Frame, seed: int
 ) -> tuple[Model, Fit]:
-    """Poses and observation points together; free as `free_components` says.
+    """Solve for poses and observation points together; free: as in `free_components`.
 
-    CalibrationError when there are too few equations for what is unknown.
+    CalibrationError if the unknowns have too few equations.
     """
     rig, trusted = unknowns_of(campaign, solve), free == ROTATIONS
     if not trusted and not {"position", "guide"} <= set(solve):
@@ -66,8 +66,8 @@ def fitted_pose(model: Model, theta: FloatArray, pose: int, seed: int) -> FloatA
 
 
 def _restarted(model: Model, found: Fit, prior: bool, seed: int) -> Fit:
-    """The best of other starts too, where the residuals say that this may be another minimum: single poses that stand otherwise between the
-    same lengths, and other rigs within the priors."""
+    """Return the best fit from other starts too, if the residuals suggest another minimum: other poses between the same lengths, and other
+    rigs within the priors."""
 
     def improbable() -> bool:
         return found.freedom > 0 and bool(scipy.stats.chi2.sf(found.chi2, found.freedom) < MISFIT)

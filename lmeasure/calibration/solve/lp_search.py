@@ -18,13 +18,13 @@ SWEEPS = 60
 
 @dataclass(frozen=True)
 class Box:
-    """Where to search for a point: centre and half widths (5,) of x, y, z [mm], alpha, beta [rad]."""
+    """Search region of a point: centre and half widths (5,) of x, y, z [mm], alpha, beta [rad]."""
 
     centre: FloatArray
     half: FloatArray
 
     def holds(self, candidate: FloatArray) -> bool:
-        """Whether a candidate lies inside and not at the edge (the outer hundredth)."""
+        """Return whether a candidate lies inside and not at the edge (the outer hundredth)."""
         away = candidate - self.centre
         away[4] = math.remainder(away[4], 2 * math.pi)
         return bool(

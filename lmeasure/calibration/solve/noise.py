@@ -23,31 +23,31 @@ class Noise:
     robust_variance_mm2: FloatArray | None = None
     """(n,) the variance with which a robust loss takes every length of a reference pose back; None without one."""
     u_length_mm: FloatArray | None = None
-    """(m,) by which the lengths of each cable err on their own, at every pose anew, the zero pose among them; None where they do not."""
+    """(m,) independent errors of the lengths of each cable at every pose, the zero pose among them; None without any."""
     absent: tuple[str, ...] = ()
-    """Which of "position" and "rotation" the poses do not state: those are assumed."""
+    """Parts "position" and "rotation" that the poses do not state; sizes are assumed for them."""
 
     @classmethod
     def of(cls, poses: Poses) -> Self:
-        """As the file of the poses states it, and an assumed size of what it does not state."""
+        """Return the noise that the poses' file states, with assumed sizes for unstated parts."""
         none = cls(poses.u_position_mm, poses.u_rotation_rad, poses.covariance, absent=poses.absent)
         return none.widened(*(size if name in poses.absent else 0.0 for name, size in ASSUMED.items()))
 
     def bare(self) -> Self:
-        """Without what was assumed. A covariance by axes has the other part alone."""
+        """Return it without assumed sizes. A covariance by axes has the other part alone."""
         place, turn = ("position" not in self.absent, "rotation" not in self.absent)
         own = None if self.covariance is None else self.covariance * np.outer(*2 * (np.repeat([turn, place], 3),))
         return replace(self, u_position_mm=self.u_position_mm * place, u_rotation_rad=self.u_rotation_rad * turn, covariance=own)
 
     def widened(self, u_mm: float, u_rad: float) -> Self:
-        """With an independent error of these standard uncertainties in each coordinate and each component of a small rotation."""
+        """Return it with an independent error of these standard uncertainties in each coordinate and each component of a small rotation."""
         more = None if self.covariance is None else self.covariance + np.diag(np.repeat([u_rad**2, u_mm**2], 3))
         return replace(
             self, u_position_mm=np.hypot(self.u_position_mm, u_mm), u_rotation_rad=np.hypot(self.u_rotation_rad, u_rad), covariance=more
         )
 
     def times(self, factor: float) -> Self:
-        """With all standard uncertainties of the poses multiplied."""
+        """Return it with all standard uncertainties of the poses multiplied."""
         return replace(
             self,
             u_position_mm=self.u_position_mm * factor,
@@ -56,12 +56,12 @@ class Noise:
         )
 
     def with_lengths(self, u_mm: FloatArray) -> Self:
-        """With independent errors (m,) of the cables' lengths."""
+        """Return it with independent errors (m,) of the cables' lengths."""
         return replace(self, u_length_mm=np.hypot(0.0 if self.u_length_mm is None else self.u_length_mm, u_mm))
 
     @property
     def stated(self) -> bool:
-        """Whether any pose is uncertain."""
+        """Return whether any pose is uncertain."""
         return bool(self.u_position_mm.any() or self.u_rotation_rad.any())
 
     def scaled(self, J: FloatArray) -> FloatArray:

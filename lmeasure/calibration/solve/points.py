@@ -41,11 +41,11 @@ class CoarseSolution:
 
 
 def coarse_solutions(points: FloatArray, changes: FloatArray, zero: int, near: FloatArray) -> list[CoarseSolution]:
-    """Both roots from (n, 3) positions of the attachment point [mm] and (n,) changes of the cable [mm].
+    """Return both roots from (n, 3) positions of the attachment point [mm] and (n,) changes of the cable [mm].
 
-    Physical roots stand first; of two, the one nearer to the point's nominal position near (3,): four poses fit both exactly.
+    Physical roots come first; of two, the one nearer to the point's nominal position near (3,): four poses fit both exactly.
 
-    Empty when there are fewer than four poses or they lie in a plane. When noise leaves no real root, the nearest (double) one is given.
+    Empty with fewer than four poses or poses in a plane. If noise leaves no real root, the nearest (double) one is returned.
     """
     others = np.delete(np.arange(len(points)), zero)
     Q, dl = points[others] - points[zero], changes[others] - changes[zero]

@@ -1,4 +1,4 @@
-"""The calibration record of a fit: values with their uncertainties, and what holds them together."""
+"""The calibration record of a fit: values, their uncertainties and correlations."""
 
 from dataclasses import asdict
 
@@ -85,7 +85,7 @@ def _zero_lengths(campaign: Campaign, rig: Rig) -> dict[str, float]:
 
 
 def _poses(campaign: Campaign, model: Model, found: Fit) -> list[dict[str, object]]:
-    """Each pose that was found with the rig, and the standard uncertainties of what was unknown of it, in the frame."""
+    """Return each pose that was found with the rig, and the standard uncertainties of its unknowns, in the frame."""
     if not model.pose_unknowns:
         return []
     u = np.sqrt(np.maximum(np.diag(found.covariance)[model.own :], 0.0)).reshape(len(model.at), -1)
@@ -118,7 +118,7 @@ def _validation(model: Model, found: Fit) -> dict[str, object]:
 
 
 def held_out_entry(poses: list[HeldOut]) -> dict[str, object]:
-    """Return how well poses that took no part were predicted, beside what the record's uncertainties let expect."""
+    """Return the prediction errors of validation poses, beside those expected from the record's uncertainties."""
     if not poses:
         return {}
     error, u = np.concatenate([p.error_mm for p in poses]), np.concatenate([p.u_mm for p in poses])

@@ -1,8 +1,8 @@
-"""Errors of reference poses that a robot states of itself: smooth over its poses, and not independent of each other.
+"""Errors of reference poses from the robot's own controller: smooth over its poses, and correlated.
 
-A robot whose links are not as its controller takes them errs alike at poses that are near each other. Such errors are a Gaussian process
-over positions and orientations, a sum of fields of several reaches, each with an unknown size (`calibration.solve.sizes`). What moves all
-poses together is the robot's base frame, and no error. Joint values are not needed.
+A robot whose links differ from its controller's model has similar errors at neighbouring poses. Such errors are a Gaussian process over
+positions and orientations, a sum of fields of several reaches, each with an unknown size (`calibration.solve.sizes`). A motion of all poses
+together is the robot's base frame, and no error. Joint values are not needed.
 """
 
 from collections.abc import Mapping
@@ -12,11 +12,11 @@ import numpy as np
 from lmeasure.core import FloatArray, se3
 
 REACHES = (600.0, 3000.0)
-"""Distance within which such errors are alike [mm], a turn counting as what it moves at `ARM_MM`."""
+"""Distances [mm] within which such errors are alike; a turn counts as its way at `ARM_MM`."""
 ARM_MM = 1000.0
 HELD_MM = 30.0
 FIELD_MM = {"unknown": 0.3, "robot": 0.3}
-"""Typical size of a field [mm], by what measured the poses."""
+"""Typical size of a field [mm], by the source of the poses."""
 
 
 def fields(source: str, poses: FloatArray, J: FloatArray) -> dict[str, FloatArray]:

@@ -37,7 +37,7 @@ ROTATIONS = (0, 1, 2)
 
 
 def unknowns_of(campaign: Campaign, solve: tuple[str, ...]) -> Parameters:
-    """Return what to solve for: the named groups, and every assumed value, for the points whose cables were measured."""
+    """Return the unknowns: the named groups, and every assumed value, for the points with measured cables."""
     return parameters_of(campaign.rig, campaign.cables, solve)
 
 
@@ -50,14 +50,14 @@ def parameters_of(rig: Rig, cables: tuple[Observed, ...], solve: tuple[str, ...]
 class Residuals(Problem):
     """Residuals of a campaign as a function of its unknowns, with analytic derivatives.
 
-    The residual of cable j at pose i is [F(P_i) - D(k_i)] - [F(P_0) - D(k_0)]: modelled less measured change since the zero pose [mm]. That
-    of an encoder of angles is likewise modelled less measured, the shortest way around, and as much of a millimetre as it is at `ARM_MM`;
-    an absolute one counts from no pose, but from its zero.
+    The residual of cable j at pose i is [F(P_i) - D(k_i)] - [F(P_0) - D(k_0)]: modelled minus measured change since the zero pose [mm]. The
+    residual of an angle is also modelled minus measured, the shortest way around, in millimetres at `ARM_MM`; an absolute encoder counts
+    from its zero, not from a pose.
 
     The unknowns are the rig's, and behind them, where components of the poses are free (which of `COMPONENTS`), rotations and shifts of the
-    counted poses, at, from the stated ones, base axes, R = Exp(rotation) R_stated. Nothing is known of these beforehand, and what the file
-    states about them, or about how they vary from visit to visit, takes no part: every visit of a pose has unknowns of its own. frame: what
-    chooses the place of the whole then, None where positions hold it. noise: what the poses' file states, unless it is given.
+    counted poses, at, from the stated ones, base axes, R = Exp(rotation) R_stated. They have no prior, and the file's statements about them
+    and their variation between visits are unused: every visit of a pose has unknowns of its own. frame: the choice of the frame then, None
+    if positions fix it. noise: by default that of the poses' file.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class Residuals(Problem):
 
     @property
     def places_known(self) -> bool:
-        """Whether positions of the poses are taken from the file, with the uncertainty stated there."""
+        """Return whether positions of the poses are those of the file, with the uncertainty stated there."""
         return 3 not in self.free
 
     def untold(self, block: int) -> str:
@@ -146,7 +146,7 @@ class Residuals(Problem):
         return list(range(6)) if 3 in self.free else list(ROTATIONS)
 
     def _stated(self) -> Noise:
-        """Return what the poses' file states about that which is not unknown."""
+        """Return the noise of the poses' file for the known components."""
         poses = self.campaign.poses
         stated = Noise.of(poses)
         if not len(self.free):
@@ -201,7 +201,7 @@ class Residuals(Problem):
         return replace(self._parts, values=np.where(solved, theta[self._further], self._parts.values), pulleys=pulleys)
 
     def _of_parts(self, theta: FloatArray) -> tuple[FloatArray, tuple[FloatArray, FloatArray], FloatArray, FloatArray]:
-        """Return what `Parts` ask for: rows, zero poses and counts, poses, and counts of the drums."""
+        """Return the input of `Parts`: rows, zero poses and counts, poses, and counts of the drums."""
         rows, _, counts = self.cables(theta)
         poses, zero = self.poses(theta), self.campaign.zero[: self._drums]
         k = np.ascontiguousarray(counts[:, : self._drums])
@@ -237,7 +237,7 @@ class Residuals(Problem):
         return out
 
     def _situation(self, poses: FloatArray, counts: FloatArray) -> tuple[Zero, FloatArray, FloatArray, FloatArray]:
-        """Where each cable's equations start, the poses (n, 7), true counts and temperatures (n, drums): what the effects depend on."""
+        """Return each cable's zero pose, the poses (n, 7), true counts and temperatures (n, drums): the input of the effects."""
         assert self._effects is not None
         m, warm = self._drums, self.campaign.temperature_c
         counts = np.ascontiguousarray(counts[:, :m])
@@ -266,7 +266,7 @@ class Residuals(Problem):
         return np.hstack([J, by_pose.reshape(len(J), -1)])
 
     def _by_parts(self, parts: Parts, theta: FloatArray) -> FloatArray:
-        """(e, P) derivatives of what the parts add by the unknowns of the rig."""
+        """Return the (e, P) derivatives of the parts' lengths by the unknowns of the rig."""
         by_values, by_kernels, _ = parts.by_parameters(*self._of_parts(theta), travel=self._travel)
         out = np.zeros((self.equations, self.own))
         of_drum = np.flatnonzero(self.cable_index < self._drums)
@@ -293,7 +293,7 @@ class Residuals(Problem):
         return out if parts is None else out + self._parts_by_pose(parts, theta)
 
     def _parts_by_pose(self, parts: Parts, theta: FloatArray) -> FloatArray:
-        """(e, n, 6) `pose_jacobian` of what the parts add."""
+        """Return the (e, n, 6) `pose_jacobian` of the parts' lengths."""
         _, _, (there, begun) = parts.by_parameters(*self._of_parts(theta), travel=self._travel)
         out = np.zeros((self.equations, len(there), 6))
         of_drum = np.flatnonzero(self.cable_index < self._drums)

@@ -1,4 +1,4 @@
-"""A motion as a campaign: samples of a run spread over where it went, at poses that nobody knows but about."""
+"""A motion as a campaign: samples of a run spread over its region, at poses that are only roughly known."""
 
 from pathlib import Path
 
@@ -15,20 +15,20 @@ from lmeasure.text import message
 
 SAMPLES = 40
 FOLLOWED = 4000
-"""Samples at most by which the tool is followed along the run."""
+"""Most samples at which the tool is followed along the run."""
 SIZE_MM = 300.0
-"""By which a turn is held against a shift where samples are spread."""
+"""Lever arm that makes a turn comparable with a shift where samples are spread."""
 
 
 def is_run(folder: Path) -> bool:
-    """Whether a folder holds a run, and no campaign."""
+    """Return whether a folder contains a run, and no campaign."""
     return (folder / "run.toml").is_file() and not (folder / "reference_poses.csv").is_file()
 
 
 def read_motion(
     folder: Path, rig: Path | None = None, start: StatedStart | None = None, *, samples: int = SAMPLES, named: tuple[str, ...] = ()
 ) -> tuple[Campaign, Run]:
-    """The campaign that a run folder makes, with its rig or another one; see `campaign_of`. Raises what `read_run` raises."""
+    """Return the campaign of a run folder, with its rig or another one; see `campaign_of`. Raises the errors of `read_run`."""
     run = read_run(folder, rig, start)
     sources = [folder / "run.toml", *(Path(c.source) for c in run.passes)]
     inputs = tuple(Input(file=path.name, sha256=files.sha256(path)) for path in sources if path.is_file())
@@ -75,8 +75,8 @@ def _at(name: str, time_s: FloatArray, source: str) -> int:
 
 
 def _followed(rig: Rig, lengths: Lengths, whole: IntArray, start: FloatArray) -> tuple[FloatArray, IntArray]:
-    """(k, 7) poses that the rig makes of samples, and which these are: by the cables alone where they tell a pose, for zeros of encoders
-    may be anywhere."""
+    """Return (k, 7) poses of samples by the rig, and the samples' indices. Cables alone are used if they determine a pose: zeros of
+    encoders may be anywhere."""
     rows = whole[np.unique(np.linspace(0, len(whole) - 1, FOLLOWED).astype(np.intp))]
     channels = rig.cable if len(rig.cable) >= CABLES_FOR_A_POSE else rig.observed
     of, m = rig.cable_rows(channels), len(channels)
@@ -92,7 +92,7 @@ def _followed(rig: Rig, lengths: Lengths, whole: IntArray, start: FloatArray) ->
 
 
 def spread(poses: FloatArray, samples: int) -> IntArray:
-    """As many of (k, 7) poses as asked, each the farthest from those before it, in order of time."""
+    """Return as many of (k, 7) poses as requested, each the farthest from those before it, in order of time."""
     here = np.column_stack([poses[:, :3], SIZE_MM * se3.displacement(poses, poses[0])[:, :3]])
     chosen, away = [0], np.linalg.norm(here - here[0], axis=1)
     while len(chosen) < min(samples, len(here)):

@@ -1,8 +1,8 @@
-"""Sizes of what nobody stated, estimated together: errors of drums, pulleys and attachment points by groups, and of reference poses.
+"""Unstated sizes of errors, estimated together: of drums, pulleys and attachment points by groups, and of reference poses.
 
-A typical size says how large such errors may be. How large they are in this rig its residuals show: all parts of one kind are pooled, and
-the restricted likelihood decides between the kinds (`estimation.variance_components`). What the residuals do not show keeps its typical
-size. How the fit would move with other probable sizes is added to its covariance.
+Typical sizes are priors. The residuals determine the sizes of this rig: all parts of one kind are pooled, and the restricted likelihood
+decides between the kinds (`estimation.variance_components`). Sizes that the residuals do not determine stay typical. The change of the fit
+by other probable sizes is added to its covariance.
 """
 
 import math
@@ -21,7 +21,7 @@ from lmeasure.sensors import BACKLASH, Variable
 ROUNDS = 4
 SWEEPS = 40
 NEAR = 3.0
-"""Standard uncertainties by which a fit may move and its laws be the same."""
+"""Standard uncertainties by which a fit may move while its laws stay the same."""
 PLAY = "play"
 
 
@@ -29,10 +29,9 @@ PLAY = "play"
 class Sized:
     """A model with estimated sizes and its fit.
 
-    size: in units of the typical ones, by the code of the kind, `PLAY`, "position", "rotation", or the name of a field. play: of each
-    drum, by its point. shift (P + q,): of
-    the fit's unknowns to their mean over all probable sizes, and the mean of what is not solved; spread (P + q, k): columns whose squares
-    are a covariance of both by what is not known of the sizes.
+    size: in units of the typical ones, by the code of the kind, `PLAY`, "position", "rotation", or the name of a field. play: of each drum,
+    by its point. shift (P + q,): from the fit's unknowns to their mean over all probable sizes, and the mean of unsolved dimensions; spread
+    (P + q, k): columns whose squares are a covariance of both by unknown sizes.
     """
 
     model: Model
@@ -50,7 +49,7 @@ class Sized:
 
     @property
     def rows(self) -> tuple[dict[str, object], ...]:
-        """Return a row for each kind of part whose size nobody stated."""
+        """Return a row for each kind of part with an unstated size."""
         sizes = {v.kind: self.size[v.kind.code if v.kind.adds else PLAY] for v in self.model.variables if v.assumed and v.kind != BACKLASH}
         return tuple({"what": k.said, "typical": TYPICAL_SIZES[k.key].size, "times": times} for k, times in sizes.items())
 
@@ -103,7 +102,7 @@ def with_play(rig: Rig, variables: list[Variable], play: dict[str, float]) -> Ri
 
 
 def _components(model: Model, found: Fit) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """(e, e) covariance of the residuals by what is stated and what only nominal values tell, and those by typical sizes of each group."""
+    """Return the (e, e) covariance of the residuals by statements and nominal values, and those by typical sizes of each group."""
     theta, silent = found.theta, found.undetermined
     V = model.with_noise(model.noise.bare()).without_assumed().covariance(theta) + silent @ silent.T
     absent = model.noise.absent if model.places_known else ()
@@ -126,7 +125,7 @@ def _components(model: Model, found: Fit) -> tuple[FloatArray, dict[str, FloatAr
 
 
 def smooth(model: Model) -> bool:
-    """Whether the errors of the reference poses may be smooth over them."""
+    """Return whether the errors of the reference poses may be smooth over them."""
     source = model.campaign.source
     return not model.pose_unknowns and (source == "robot" or (source == "unknown" and model.campaign.rig.unstated == "typical"))
 
@@ -148,8 +147,8 @@ def _sized(model: Model, size: dict[str, float]) -> Model:
 
 
 def _moments(model: Model, found: Fit, drawn: Sizes) -> tuple[FloatArray, FloatArray]:
-    """(P + q,) mean shift of the unknowns and of what is not solved from the fit, over probable sizes, and (P + q, k) how they move with k
-    other sizes, times the root of their weights."""
+    """Return the (P + q,) mean shift of unknowns and unsolved dimensions over probable sizes, and (P + q, k) their changes with k other
+    sizes, times the root of their weights."""
     V, parts = _components(model, found)
     typical = model.with_sizes({})
     C, of, J, r = typical.unsolved_shifts(found.theta), _columns(typical), found.determined, found.residuals

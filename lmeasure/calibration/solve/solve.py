@@ -1,16 +1,16 @@
 """From a campaign to calibrated observation points: coarse solve, LP-search, descent, least squares, and an honest record.
 
-For quantities that nobody measured the result is given over their range. Reference poses that the others contradict are taken back by a
-robust loss (`estimation.robust`).
+Quantities without a measurement give a result over their range. Reference poses that the others contradict get less weight by a robust loss
+(`estimation.robust`).
 
-The unit is the pose with all its visits: its lengths are wrong together when the robot did not stand where it says. The zero pose
-shifts all lengths of its cables and is judged like any other.
+The unit is the pose with all its visits: its lengths are wrong together if the robot was not at the stated pose. The zero pose shifts all
+lengths of its cables and is judged like any other.
 
-Every effect that was solved for has its size, the probability that chance looks like it, and what was learned of it. With d the departure
-of an effect's q values from what the rig stated, and C their covariance, d' C^-1 d / q is as an F of q and the noise's degrees of freedom
-while there is none (chi-squared over q where the noise is stated). An effect is found where its probability, times the number of those
-that were solved for (Bonferroni), is under `CHANCE`. What was learned is log2 of the prior's volume over that which is left, half of
-det(prior)/det(C): none where a law cannot be distinguished from that of what else was solved.
+Every effect that was solved for has its size, the probability of chance, and the information gained. With d the departure of an effect's q
+values from the rig's, and C their covariance, d' C^-1 d / q is as an F of q and the noise's degrees of freedom while there is none
+(chi-squared over q where the noise is stated). An effect is found where its probability, times the number of those that were solved for
+(Bonferroni), is under `CHANCE`. The information is log2 of the prior's volume over the remaining one, half of det(prior)/det(C): zero if a
+law cannot be distinguished from other solved ones.
 """
 
 import math
@@ -54,7 +54,7 @@ from lmeasure.sensors import phased, stated
 from lmeasure.text import message
 
 LAWS = ("radius", "scale", "pitch", *dict.fromkeys(p.group for p in (*FURTHER, *TILT)))
-"""Groups of parameters that are effects and no matter of where things stand."""
+"""Groups of parameters that are effects, not positions."""
 _GROUP = {p.key: p.group for p in (*TABLE, *FURTHER, *TILT)}
 
 
@@ -201,7 +201,7 @@ class Calibration(Shown):
     """Reason to reject the rig: its length predictions are significantly worse than the nominal rig's. None: usable."""
 
     def about(self) -> dict[str, str]:
-        """As its record; refused where the rig must not be used."""
+        """Return a summary of its record, which marks a refused rig."""
         return self.record.about() | ({} if self.refused is None else {"refused": self.refused})
 
     def to_frame(self) -> DataFrame:
@@ -211,8 +211,8 @@ class Calibration(Shown):
 
 @dataclass(frozen=True)
 class _Begun:
-    """Where the least squares of everything begin: the problem and its first fit, slips in the files, single points' solutions, and
-    the boxes in which a result is no surprise."""
+    """Start of the least squares of everything: the problem and its first fit, slips in the files, single points' solutions, and the boxes
+    of expected results."""
 
     model: Model
     first: Fit
@@ -224,10 +224,9 @@ class _Begun:
 def calibrate(campaign: Campaign, settings: CalibrationSettings | None = None, progress: Progress | None = None) -> Calibration:
     """Calibrate the observation points of a campaign.
 
-    Residuals that the model cannot explain, and directions the data cannot tell, are written into the record's warnings and unobservable;
-    the result is never a bare optimum. One that predicts lengths at poses left out significantly worse than the nominal rig is tried again
-    with the nominal rig as a prior everywhere, and `refused` when that is no better. The campaign of the result has the poses found, where
-    they were unknown. CalibrationError when there is nothing to solve.
+    Residuals that the model cannot explain are in the record's warnings, undetermined directions in unobservable. A rig that predicts
+    lengths at validation poses significantly worse than the nominal one is solved again with the nominal rig as a prior everywhere, and
+    `refused` if that is no better. The campaign of the result contains the found poses. CalibrationError if there is nothing to solve.
     """
     settings = settings or CalibrationSettings()
     zeroed, names = campaign.poses.rows[campaign.zero[: len(campaign.drums)]], unknowns_of(campaign, settings.groups).names
@@ -246,7 +245,7 @@ def calibrate(campaign: Campaign, settings: CalibrationSettings | None = None, p
 
 
 def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Progress | None) -> tuple[Calibration, AgainstNominal | None]:
-    """`calibrate`, whatever comes of it, and how it compares with the nominal rig."""
+    """Return `calibrate`'s result of any quality, and its comparison with the nominal rig."""
     free = free_components(campaign, trusted=not settings.self_calibration)
     # of poses that are unknown and were not counted nothing is found
     whole = counted_poses(campaign) if free else campaign

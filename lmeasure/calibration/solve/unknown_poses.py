@@ -1,4 +1,4 @@
-"""Poses that are to be found with the rig: which of their components, whether the counts can tell them, orientations to begin with."""
+"""Poses that are found with the rig: the unknown components, whether the counts determine them, and initial orientations."""
 
 import math
 from dataclasses import replace
@@ -22,9 +22,9 @@ CANDIDATES = 3  # orientations of all poses that are followed up
 
 
 def free_components(campaign: Campaign, trusted: bool) -> tuple[int, ...]:
-    """Which of `unknowns.COMPONENTS` of the poses are unknown: none of trusted whole poses.
+    """Return the unknown ones of `unknowns.COMPONENTS` of the poses: none of trusted whole poses.
 
-    CalibrationError when nothing could tell them.
+    CalibrationError if nothing determines them.
     """
     used = list(dict.fromkeys(c.to_point for c in campaign.drums))
     if len(used) == 1:

@@ -1,4 +1,4 @@
-"""The problem that a campaign poses: its residuals, and what they err by."""
+"""The problem of a campaign: its residuals and their errors."""
 
 import copy
 import math
@@ -20,14 +20,14 @@ from lmeasure.rig import Rig, SensorTable, with_values
 from lmeasure.sensors import ATTACHMENT, ECCENTRICITY, PART_ECCENTRICITY, PART_RUN_OUT, PLAY, RUN_OUT, Unsolved, Zero
 
 TURNING = {RUN_OUT: PART_RUN_OUT, ECCENTRICITY: PART_ECCENTRICITY}
-"""Errors that depend on how drum and pulley stood where counting began, and which of `sensors.Parts` each is."""
+"""Errors that depend on the angle of drum and pulley at zeroing, and their kind in `sensors.Parts`."""
 
 TRAVEL = "travel"
 """Play of cables that came straight from pose to pose, among the sizes of a model."""
 
 
 class Model(Residuals):
-    """`Residuals` with their covariance: of counts, reference poses, physical effects, and what the rig states to be uncertain."""
+    """`Residuals` with their covariance: of counts, reference poses, physical effects, and the rig's stated uncertainties."""
 
     @property
     def covariance_varies(self) -> bool:  # type: ignore[override]
@@ -49,7 +49,7 @@ class Model(Residuals):
         return out
 
     def without_assumed(self) -> Self:
-        """The same where what nobody stated is exact."""
+        """Return it with unstated errors as exact."""
         return self.with_sizes({v.kind.code: 0.0 for v in self.variables})
 
     def reading_covariance(self) -> FloatArray:
@@ -59,11 +59,10 @@ class Model(Residuals):
 
     @property
     def readings(self) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Return what the residuals err by from reading the counters: whole counts, or means of dwells as `Campaign` has them.
+        """Return the residuals' errors from reading the counters: whole counts, or means of dwells as in `Campaign`.
 
-        (e,) variances [mm^2] of the readings at the poses; (e, z) the residuals' errors [mm] by one standard deviation of what each zero
-        reading is off, which residuals of a cable share; (z,) whether that is uniform: where within a whole count the counter was zeroed,
-        or stood.
+        (e,) variances [mm^2] of the readings at the poses; (e, z) the residuals' errors [mm] by one standard deviation of each zero
+        reading's error, which residuals of a cable share; (z,) whether that is uniform: the place within a whole count.
         """
         campaign, j = self.campaign, self.cable_index
         # uniform within half a count is a twelfth
@@ -76,7 +75,8 @@ class Model(Residuals):
         return np.asarray(own), shared, np.array([whole[reading == number].all() for number in uncertain], dtype=np.bool_)
 
     def whole(self, poses: IntArray, cables: IntArray) -> BoolArray:
-        """Whether the recorded counts of cables at poses, index by index, are whole numbers: rounded, and not averaged or interpolated."""
+        """Return whether the recorded counts of cables at poses, index by index, are rounded to whole numbers, not averaged or
+        interpolated."""
         recorded = self.campaign.counts[poses, cables] * self._scales[cables]
         return np.asarray(np.abs(recorded - np.rint(recorded)) <= 1e-9 * np.maximum(1.0, np.abs(recorded)))
 
@@ -86,7 +86,7 @@ class Model(Residuals):
         return self.whole(self.pose_index, self.cable_index)
 
     def effect_covariance(self, theta: FloatArray) -> FloatArray | None:
-        """(e, e) covariance of the residuals [mm^2] from what is uncertain in temperature, stretch and sag; None when nothing is.
+        """Return the (e, e) covariance of the residuals [mm^2] from uncertain temperature, stretch and sag; None without any.
 
         Properties of cables and frame err alike everywhere; a pose's temperature errs for all its cables, a tension for one cable there.
         """
@@ -147,8 +147,8 @@ class Model(Residuals):
 
     @property
     def _play_mm(self) -> tuple[FloatArray, FloatArray]:
-        """(m,) half the width of the band in which a reading lies by the way it was come from, as far as it is not known which: of every
-        reading, and of where the counter was zeroed, of which it is never known."""
+        """Return (m,) half widths of the band in which a reading lies by its unknown direction of approach: of every reading, and of the
+        zeroing, whose approach is never known."""
         half = [
             math.radians(getattr(self.campaign.rig.counter(c), "backlash_deg", None) or 0.0) / 2.0
             for c in self.campaign.cables[self._drums :]
@@ -159,10 +159,10 @@ class Model(Residuals):
         return np.concatenate([self.unsolved.play_mm, of_angles]), np.concatenate([begun, of_angles])
 
     def unsolved_covariance(self, theta: FloatArray) -> FloatArray | None:
-        """(e, e) covariance of the residuals [mm^2] from what the rig states to be uncertain and is not solved; None for nothing.
+        """Return the (e, e) covariance of the residuals [mm^2] from the rig's stated, unsolved uncertainties; None without any.
 
-        A dimension, a drum that runs out, an eccentric pulley err alike in all equations. Which way a cable was pulled to where it rests
-        nobody recorded: play errs for each reading on its own, and once for all equations of a cable where it was zeroed.
+        A dimension, a drum that runs out, an eccentric pulley err alike in all equations. The direction of a cable's last motion is not
+        recorded: play errs for each reading on its own, and once for all equations of a cable where it was zeroed.
         """
         play, begun = self._play_mm
         if not (self.unsolved or begun.any() or TRAVEL in self.sizes):
@@ -173,14 +173,14 @@ class Model(Residuals):
 
     @property
     def assumed_play_mm(self) -> FloatArray:
-        """(m,) typical half width of the band [mm] of cables for which nobody stated it, 0 of others."""
+        """Return (m,) typical half widths of the band [mm] of cables without a statement, 0 of others."""
         band = [v for v in self.variables if v.assumed and v.kind.adds is None]
         # encoders of angles have none
         return np.append(Unsolved(self.campaign.rig, band, self.campaign.drums).play_mm, np.zeros(len(self._scales) - self._drums))
 
     def travel_covariance(self, play: FloatArray) -> FloatArray:
-        """(e, e) [mm^2] of play (m,) [mm] where each cable came straight from where it was counted before: its band is the same at all
-        poses, and at which side of it the counter was zeroed nobody knows."""
+        """Return the (e, e) covariance [mm^2] of play (m,) [mm] if each cable came straight from its previous pose: its band is the same at
+        all poses, and the side of it at zeroing is unknown."""
         own = self.travel_shifts(play)
         same = self.cable_index[:, None] == self.cable_index
         return np.asarray(own @ own.T + same * np.outer(play[self.cable_index] ** 2, self._since))
@@ -217,8 +217,8 @@ class Model(Residuals):
         return np.asarray(V)
 
     def covariance(self, theta: FloatArray) -> FloatArray:
-        """`measurement_covariance`, physical effects and dimensions where their errors are stated, errors of the lengths, and
-        what a robust loss takes back."""
+        """Return `measurement_covariance`, stated errors of physical effects and dimensions, errors of the lengths, and those of a robust
+        loss."""
         V, noise = self.measurement_covariance(theta), self.noise
         effects = self.effect_covariance(theta)
         if effects is not None:
@@ -253,8 +253,8 @@ class Model(Residuals):
         return None if variance is None else variance[self.pose_index]
 
     def found_poses(self, theta: FloatArray, covariance: FloatArray) -> Poses:
-        """The poses at theta, with the uncertainty that the covariance (P, P) of the unknowns states where they were unknown; where they
-        were not, that of the file, or what was taken in its place where it says nothing."""
+        """Return the poses at theta. Unknown components have the uncertainty of the unknowns' covariance (P, P), others that of the file,
+        or the assumed one."""
         stated = self.campaign.poses
         own = self.noise if self.places_known and "position" in stated.absent else self._stated()
         if not len(self.free):

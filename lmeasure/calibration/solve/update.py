@@ -1,8 +1,8 @@
-"""A calibration that goes on: what ordinary runs tell beside a record, and whether the rig is still the one of the record.
+"""A continued calibration: information of ordinary runs beside a record, and a test whether the rig is still the record's.
 
-The record says theta ~ N(theta_0, C_0) of its parameters and dimensions, the run's readings r(theta, poses) have covariance V. With the
-poses eliminated (`estimation.elimination`: A the derivatives of what no pose makes up for, whitened, y the residuals likewise) Gauss and
-Newton's step is
+The record states theta ~ N(theta_0, C_0) for its parameters and dimensions. The run's readings r(theta, poses) have covariance V. With the
+poses eliminated (`estimation.elimination`: A the whitened derivatives that no pose compensates, y such residuals) the step of Gauss and
+Newton is
 
     theta = theta_0 + d,   d = -(C_0^-1 + A'A)^-1 A'(y - A (theta_k - theta_0)),   C = (C_0^-1 + A'A)^-1,
 
@@ -37,8 +37,8 @@ AGAIN = "calibration.moved.again"
 
 @dataclass(frozen=True)
 class Continued:
-    """The refined rig and record; chi_squared of the run's readings and the record together, its degrees of freedom, and the probability of
-    as much while nothing has moved; moved: why the two must not be put together, what explains it best first."""
+    """Refined rig and record; chi_squared of the run's readings and the record together, its degrees of freedom, and its probability while
+    nothing has moved; moved: reasons why the two must not be combined, the best first."""
 
     rig: Rig
     record: CalibrationRecord
@@ -49,11 +49,10 @@ class Continued:
 
 
 def continued(campaign: Campaign, record: CalibrationRecord) -> Continued:
-    """Refine the record of a campaign's rig by its samples, at poses that nobody knows.
+    """Refine the record of a campaign's rig by its samples, at unknown poses.
 
-    Its dimensions are solved too, so that no size is assumed of what it has found, and axial offsets of drums that were zeroed elsewhere,
-    which nobody stated to hold there. CalibrationError where the record was made of the same
-    counts, the channels leave nothing over, or it does not settle.
+    Its dimensions are solved too, so that no size is assumed for found values, and axial offsets of drums that were zeroed elsewhere, where
+    they may differ. CalibrationError if the record was made of the same counts, the channels have no redundancy, or it does not converge.
     """
     known = {given.sha256 for given in record.inputs}
     again = [given.file for given in campaign.inputs if given.sha256 in known and given.file != "run.toml"]
@@ -95,7 +94,8 @@ def continued(campaign: Campaign, record: CalibrationRecord) -> Continued:
 
 
 def _solved(rig: Rig, solved: tuple[str, ...]) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Names (q,) of what is solved for, its values in the rig, and changes by one unit of the record's: the scale for a count's length."""
+    """Return names (q,) of the solved parameters, their values in the rig, and changes by one unit of the record's: the scale for a count's
+    length."""
     drums = {
         f"{p.name}.count_length_mm": (f"{p.name}.scale", p.drum.scale, -p.drum.scale / p.drum.count_length_mm)
         for p in rig.observation_point
@@ -113,8 +113,8 @@ def _seen(model: Model, theta: FloatArray, F: FloatArray) -> tuple[Eliminated, F
 
 
 def _moved(model: Model, part: Eliminated, theta: FloatArray, y: FloatArray, A: FloatArray, z: FloatArray, probability: float) -> str:
-    """What explains best that run and record contradict each other: one owner of parameters whose values are another's now, or are so from
-    some sample of the run on, or one channel that reads more from some sample on."""
+    """Return the best explanation of a contradiction between run and record: a changed owner of parameters, throughout or from some sample
+    on, or one channel that reads more from some sample on."""
     base = np.vstack([A, np.eye(len(z))])
     Q, _ = np.linalg.qr(base)
     residual = np.r_[y, z]
@@ -122,7 +122,7 @@ def _moved(model: Model, part: Eliminated, theta: FloatArray, y: FloatArray, A: 
     whitened, campaign = part.W @ part.A, model.campaign
 
     def gain(columns: FloatArray) -> float:
-        """Return the fall of chi-squared, minus twice the number of values: columns (f, c) of what no pose makes up for."""
+        """Return the fall of chi-squared, minus twice the number of values, by columns (f, c) that no pose compensates."""
         own = np.vstack([columns, np.zeros((len(z), columns.shape[1]))])
         own -= Q @ (Q.T @ own)
         U, s, _ = np.linalg.svd(own, full_matrices=False)

@@ -1,8 +1,8 @@
-"""Two calibrations of one rig: what moved, and whether it is more than their uncertainties allow.
+"""Two calibrations of one rig: their changes, and a test against their uncertainties.
 
-The difference of two independent campaigns has the covariance C_old + C_new. Where either campaign left a direction to the prior, or
-nearly, there is no evidence, and that direction takes no part in a test. Coordinates of B alone mislead: they may move together by a lot
-without changing a length, so every point is judged by all its values jointly, and every cable by the lengths it predicts.
+The difference of two independent campaigns has the covariance C_old + C_new. A direction that either campaign left to the prior, or nearly,
+gives no evidence and is not tested. Coordinates of B alone mislead: together they may move far without changing a length, so every point is
+judged by all its values jointly, and every cable by the lengths it predicts.
 """
 
 import math
@@ -56,8 +56,8 @@ class ValueShift:
 class PointShift:
     """An observation or attachment point: distance its position moved [mm] and the joint test of all its values.
 
-    chi_squared of the difference in `freedom` directions that both campaigns tell something of, out of `values`; probability of as much
-    by chance, None without such a direction.
+    chi_squared of the difference in `freedom` directions that both campaigns determine, out of `values`; probability of as much by chance,
+    None without such a direction.
     """
 
     point: str
@@ -84,8 +84,8 @@ class LengthShift:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Changes between two calibrations; together: the joint test of all values; lengths: of cables, where the new campaign is at hand;
-    notes: what could not be compared."""
+    """Changes between two calibrations; together: the joint test of all values; lengths: of cables, if the new campaign is available;
+    notes: values without a comparison."""
 
     source: str
     together: PointShift
@@ -96,7 +96,6 @@ class Comparison:
 
     @property
     def moved(self) -> bool:
-        """Whether anything moved beyond its uncertainty."""
         return self.together.moved or any(p.moved for p in self.points) or any(c.moved for c in self.lengths)
 
 

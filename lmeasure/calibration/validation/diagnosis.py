@@ -1,9 +1,9 @@
-"""Is something wrong with a campaign's files or with the rig's? Hypotheses compete, and one that is certain is applied.
+"""Diagnosis of gross errors in a campaign's files or the rig's. Hypotheses compete, and certain ones are applied.
 
 A hypothesis is another reading of the same files: a channel at another scale or sign, two swapped channels, a cable tied to another
 attachment point, another angle convention, exchanged poses, or a pose, a reading or a counter that is wrong and is set aside. It is certain
-when it raises the posterior by far, for any level of the noise. Then the campaign and the rig are corrected by it. What cannot be
-corrected, or leaves gross residuals, is a reason to refuse the rig.
+if it raises the posterior by far, at any level of the noise. Then the campaign and the rig are corrected by it. Uncorrected faults and
+gross residuals are reasons to refuse the rig.
 """
 
 from collections.abc import Callable, Iterator
@@ -43,12 +43,12 @@ GROSS_MM = 1.0
 """Residuals that no reference pose or rounding makes, but a slip of this kind does."""
 
 AGREES = 3.0
-"""Largest ratio of residuals to the stated noise that what was applied leaves over."""
+"""Largest ratio of residuals to the stated noise after an applied hypothesis."""
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The campaign as it is to be read, what was found, and why no rig may be made of it, if it is so."""
+    """The corrected campaign, the findings, and the reason to refuse a rig, if there is one."""
 
     campaign: Campaign
     findings: tuple[Finding, ...] = ()
@@ -88,7 +88,7 @@ def diagnose(
     places_known: bool,
     aside: bool,
 ) -> Diagnosis:
-    """Return the campaign corrected by all hypotheses that are certain, one after another.
+    """Return the campaign corrected by all certain hypotheses, one after another.
 
     stated: its fit as it is. screen: a cheap guess of `Fit.objective`, by which the hypotheses that are worth a fit are chosen.
     poses_known: whether the reference poses are trusted, and may be misread; places_known: whether at least their positions are; aside:
@@ -144,7 +144,7 @@ def _agrees(fit: Fit) -> bool:
 
 
 def _explains(fit: Fit) -> bool:
-    """Return whether what was set aside explains all: the rest agrees with the noise, or at least with itself."""
+    """Return whether the rejected readings explain all: the rest agrees with the noise, or at least with itself."""
     model = fit.problem
     assert isinstance(model, Model)
     return not gross(fit) and (not improbable(fit) or not contradicted(model, fit))
@@ -157,15 +157,15 @@ def _repeated(findings: list[Finding]) -> bool:
 
 
 def _credible(fit: Fit) -> bool:
-    """Whether counts and priors alone may have made the misfit: prior and data together are chi-squared, one degree of freedom per equation
-    that the poses leave over."""
+    """Return whether counts and priors alone explain the misfit: prior and data together are chi-squared, one degree of freedom per
+    equation that the poses leave."""
     freedom = len(fit.residuals) - (len(fit.theta) - len(fit.s))
     return bool(scipy.stats.chi2.sf(fit.objective, freedom) >= ALARM)
 
 
 def _loss(fit: Fit, equations: int, h: Hypothesis | None = None) -> float:
-    """Return twice the negative log posterior at the likeliest noise level, at least the stated one; what is set aside counts as noise of
-    its own, and costs two a reading: one that chance has, one for another number that is taken from the data."""
+    """Return twice the negative log posterior at the likeliest noise level, at least the stated one. Rejected readings are noise of their
+    own, and cost two each: one of chance, one for another number taken from the data."""
     nuisances = len(fit.theta) - len(fit.s)
     level = max(1.0, fit.objective / max(len(fit.residuals) - nuisances, 1))
     return (equations - nuisances) * float(np.log(level)) + fit.objective / level + (0.0 if h is None else 2.0 * h.removed)
@@ -222,7 +222,7 @@ def _other_pass(campaign: Campaign) -> Iterator[Hypothesis]:
 
 
 def _decoded(rig: Rig, point: str, factor: float) -> Rig:
-    """Return the rig whose counts of one drum mean 1/factor of what they meant."""
+    """Return the rig whose counts of one drum mean 1/factor of their present length."""
     points = []
     for p in rig.observation_point:
         if p.name == point:

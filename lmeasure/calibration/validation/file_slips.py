@@ -130,7 +130,7 @@ def _exchanged(campaign: Campaign) -> Iterator[Hypothesis]:
 
 
 def _assigned(campaign: Campaign, reference: IntArray) -> IntArray | None:
-    """Return (r,) the reference pose at which each one's counts fit best, each used once; None where the nominal rig cannot say.
+    """Return (r,) the best reference pose for each one's counts, each used once; None if the nominal rig does not determine it.
 
     Lengths since the zero pose differ from those since another by a constant of each cable, which the means over all poses take off.
     """

@@ -27,7 +27,7 @@ LARGER = 3.0
 
 
 def underdetermined(campaign: Campaign, model: Model, silent: list[Unobservable], by_prior: Prediction) -> list[Finding]:
-    """Which points the counts do not determine, and how much of that reaches the lengths."""
+    """Report the points that the counts do not determine, and the effect on the lengths."""
     out = []
     for owner in dict.fromkeys(u.point for u in silent):
         own = [u for u in silent if u.point == owner]
@@ -48,7 +48,7 @@ def underdetermined(campaign: Campaign, model: Model, silent: list[Unobservable]
 
 
 def unknown_temperature(campaign: Campaign) -> list[Finding]:
-    """A rig that says how it grows and counts that do not say how warm it was, or the opposite."""
+    """Report a rig with thermal expansion and counts without a temperature, or the opposite."""
     effects, m = effects_of(campaign.rig, campaign.drums), len(campaign.drums)
     expands = effects is not None and effects.thermal
     if campaign.temperature_c is not None and not expands:
@@ -60,8 +60,8 @@ def unknown_temperature(campaign: Campaign) -> list[Finding]:
 
 
 def _unstated_expansion(campaign: Campaign, warm: FloatArray) -> list[Finding]:
-    """How far steel cables would have grown at temperatures warm (k,) [deg C] of the counts: what is paid out from their mean, and all that
-    is free of the drum since zeroing."""
+    """Report the growth of steel cables at temperatures warm (k,) [deg C] of the counts: of the length paid out from their mean, and of all
+    that is free of the drum since zeroing."""
     mean, low, high = float(warm.mean()), float(warm.min()), float(warm.max())
     off = max(mean - low, high - mean)
     if off < ALIKE_K:
@@ -109,7 +109,7 @@ def _least_size(v: Variable, sized: Sized, dimensions: Dimensions) -> float:
 
 
 def poses_findings(model: Model, found: Fit) -> list[Finding]:
-    """Return what was unknown of the poses, and what holds the frame."""
+    """Report the unknown components of the poses, and the choice of the frame."""
     if not model.pose_unknowns:
         return []
     n, d = len(model.at), model.pose_unknowns

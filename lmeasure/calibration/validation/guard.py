@@ -33,10 +33,10 @@ class AgainstNominal:
 
     @property
     def worse(self) -> bool:
-        """Whether the calibrated rig is significantly worse, or counts and poses contradict each other and it is hardly better.
+        """Return whether the calibrated rig is significantly worse, or counts and poses contradict each other and it is hardly better.
 
-        The comparison uses the campaign's own poses. Where these are wrong, both rigs err by what is wrong with them, and a rig that
-        follows wrong poses looks as good as the nominal one.
+        The comparison uses the campaign's own poses. If these are wrong, both rigs have their errors, and a rig fitted to wrong poses looks
+        as good as the nominal one.
         """
         return self.p_worse < SIGNIFICANT or (self.misfit and self.rms_mm > self.nominal_mm / BETTER)
 
@@ -47,17 +47,16 @@ class AgainstNominal:
         return message("calibration.counts_poses_contradict_each", why=self.text())
 
     def text(self) -> str:
-        """In words."""
         return message("calibration.lengths_poses_each_left", poses=self.poses, rms=self.rms_mm, nominal=self.nominal_mm, p=self.p_worse)
 
 
 def against_nominal(model: Model, found: Fit, first: Fit) -> AgainstNominal | None:
-    """The comparison of a fit with its nominal rig; None with too few poses that others tell, and where poses are unknown, for which the
-    nominal rig predicts nothing. first: the fit under the stated noise.
+    """Compare a fit with its nominal rig; None with too few poses that others determine, or unknown poses, for which the nominal rig
+    predicts nothing. first: the fit under the stated noise.
 
-    Each pose is predicted from all others, under the covariance of the residuals: the zero pose errs in both rigs' predictions and does not
-    speak for either. The errors at one pose are one observation: cables share the pose's own error. A one-sided t test of the logarithms
-    of the ratios of their mean squares, pose by pose, so that a few wild poses decide nothing.
+    Each pose is predicted from all others, under the covariance of the residuals: the zero pose errs in both rigs' predictions and favours
+    neither. The errors at one pose are one observation: cables share the pose's own error. A one-sided t test of the logarithms of the
+    ratios of their mean squares, pose by pose, so that a few wild poses decide nothing.
     """
     if model.pose_unknowns:
         return None

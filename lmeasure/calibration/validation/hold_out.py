@@ -39,9 +39,8 @@ class HeldOut:
 
 
 def held_out(whole: Model, theta: FloatArray, fit: Fit, poses: tuple[str, ...]) -> list[HeldOut]:
-    """Return how a fit does at poses that it has not seen. whole is the model of all poses, these among them; theta the fit's values of its
-    unknowns, with those of the poses held out, if they have unknowns of their own, fitted to their own lengths: then the errors are what
-    these leave over."""
+    """Return the errors of a fit at validation poses. whole is the model of all poses; theta the fit's values of its unknowns. Unknowns of
+    the validation poses, if any, are fitted to their own lengths: then the errors are the residuals."""
     campaign, names = whole.campaign, whole.names
     kept = np.isin(whole.pose_index, [campaign.poses.names.index(name) for name in poses])
     r, C = held_out_of_fit(whole, theta, fit, np.flatnonzero(~kept))
@@ -67,7 +66,7 @@ def shifted_lengths(model: Model, poses: IntArray) -> FloatArray:
 
 
 def deletion_residuals(model: Model, fit: Fit) -> list[tuple[str, float]]:
-    """For each pose with its other visits the rms [mm] of its residuals from a fit without it, per equation left over."""
+    """Return for each pose with its other visits the rms [mm] of its residuals from a fit without it, per surplus equation."""
     campaign, at = model.campaign, model.pose_index
     left_out = Deletion(fit).deleted(campaign.reference_of[at])
     return [(campaign.poses.names[campaign.reference_of[at[rows[0]]]], float(np.sqrt(np.mean(e**2)))) for rows, e in left_out]

@@ -1,4 +1,4 @@
-"""Residuals larger than the stated noise: what explains them best, in words, and an uncertainty that covers what nothing explains."""
+"""Residuals larger than the stated noise: the best explanation, and an uncertainty that covers the rest."""
 
 import math
 from dataclasses import dataclass, replace
@@ -18,10 +18,10 @@ from lmeasure.sensors import ARM_MM
 from lmeasure.text import message
 
 DOUBTED = 0.02
-"""Probability under which residuals raise no alarm, and yet lengths that err are reckoned with in what is measured."""
+"""Probability under which residuals raise no alarm, but measured lengths get an error of their own."""
 
 REDUNDANT = 12
-"""Degrees of freedom from which residuals tell how uncertain poses are that do not say it."""
+"""Degrees of freedom from which residuals determine the unstated uncertainty of poses."""
 
 NOTED = 0.5
 """Part of the residuals' variance from which smooth errors of poses of unknown origin are reported."""
@@ -31,8 +31,8 @@ _OPTIONS = {"position": "--u-position-mm", "rotation": "--u-rotation-deg"}
 
 @dataclass(frozen=True)
 class Explained:
-    """Explanation of residuals: the problem as it is solved now, its fit, findings; whether a noise level was estimated from the
-    residuals; u_length_mm (m,): what the lengths of each cable err by on their own, at other poses as here, and angles at `ARM_MM`."""
+    """Explanation of residuals: the present problem, its fit, findings; whether a noise level was estimated from the residuals; u_length_mm
+    (m,): independent errors of each cable's lengths at this and any other pose, of angles at `ARM_MM`."""
 
     model: Model
     fit: Fit
@@ -40,7 +40,7 @@ class Explained:
     estimated: bool
     u_length_mm: FloatArray
     sized: Sized | None = None
-    """Estimates of sizes that nobody stated."""
+    """Estimates of unstated sizes."""
 
     @property
     def averaged(self) -> Sized | None:
@@ -49,11 +49,11 @@ class Explained:
 
 
 def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
-    """The fit under what explains its residuals best, where chi-squared exceeds chance or the poses do not say how uncertain they are.
+    """Return the fit with the best explanation of its residuals, if chi-squared exceeds chance or the poses state no uncertainty.
 
     The pose or the slipped counter that the others contradict most is named. Then explanations compete (`estimation.explanations`): errors
-    of poses and lengths, values that were taken as exact. What is left multiplies the covariance, and counts as an error of lengths
-    elsewhere too. blamed: channels that a gross diagnosis has named already; their residuals are no measure of anything.
+    of poses and lengths, values that were taken as exact. The rest multiplies the covariance, and counts as an error of lengths elsewhere
+    too. blamed: channels that a gross diagnosis has already named; their residuals are not used.
     """
     absent = model.noise.absent if model.places_known else ()
     telling = bool(absent) and found.freedom >= REDUNDANT and not blamed
@@ -158,7 +158,7 @@ def _moved(sized: Sized) -> list[Finding]:
 
 
 def _told(state: State[Model], begun: State[Model]) -> list[Finding]:
-    """Return what was taken, in words."""
+    """Report the applied explanations."""
     rms, out = _rms(begun.fit), []
     for group in state.groups:
         rest = message("calibration.exceed.solved", values=message(f"calibration.values.{group}"), group=group)

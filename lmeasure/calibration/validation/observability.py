@@ -21,9 +21,9 @@ def lines_of_sight(rig: Rig, cables: Iterable[Observed], poses: Poses) -> dict[s
 
 
 def unobservable_directions(unknowns: Parameters, silent: FloatArray, sight: dict[str, FloatArray]) -> list[Unobservable]:
-    """The undetermined directions of each owner of unknowns, strongest first, then those that several share (`estimation.observability`).
+    """Return the undetermined directions of each owner of unknowns, strongest first, then shared ones (`estimation.observability`).
 
-    silent (k, p): orthonormal directions of which the data say nothing, in prior widths. sight (3,) is the unit vector from each
+    silent (k, p): orthonormal directions that the data do not determine, in prior widths. sight (3,) is the unit vector from each
     observation point towards the middle of its poses.
     """
     out = []
@@ -40,7 +40,7 @@ def unobservable_directions(unknowns: Parameters, silent: FloatArray, sight: dic
 
 
 def _text(owner: str, keys: list[str], change: FloatArray, vector: FloatArray, sight: FloatArray | None) -> Message:
-    """Return what moves together by how much (one prior standard uncertainty along the direction) without changing a count."""
+    """Return the text of joint motions and their sizes (one prior standard uncertainty along the direction) that change no count."""
     by_key = dict(zip(keys, change, strict=True))
     parts: list[Message | tuple[Message, ...]] = []
     move = np.array([by_key.get(k, 0.0) for k in PLACE])

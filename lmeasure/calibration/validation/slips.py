@@ -1,4 +1,4 @@
-"""Slips in a campaign's files: positions in another unit than is said, and rows that are copies of others."""
+"""Slips in a campaign's files: positions in another unit than stated, and rows that are copies of others."""
 
 from dataclasses import replace
 
@@ -11,18 +11,18 @@ from lmeasure.sensors import counts_from_poses
 from lmeasure.text import message
 
 UNITS = {"metres": 1e3, "inches": 25.4, "centimetres": 10.0, "micrometres": 1e-3}
-"""What positions may be that are said to be millimetres: how many of these are in one."""
+"""Units of positions that are stated as millimetres: millimetres in one."""
 RIGS = {"metres": 1e-3, "inches": 1.0 / 25.4}
-"""What a rig's dimensions may be: times by which positions are then too large for it."""
+"""Units of a rig's dimensions: factors by which positions then seem too large."""
 CURES = 10.0
-"""Times by which another unit must make the nominal rig's lengths fit better, for that to be no error of a rig."""
+"""Factor by which another unit must improve the fit of the nominal rig's lengths to be no error of the rig."""
 
 
 def without_slips(campaign: Campaign, name: str) -> Campaign:
-    """The campaign with copies of poses counted once, which its notes name.
+    """Return the campaign with copies of poses counted once; its notes name them.
 
-    CalibrationError where the positions of the file `name`, or the nominal rig, are in another unit: what the nominal rig's cables would do
-    between them and what was counted then differ by far, and agree in that unit.
+    CalibrationError if the positions of the file `name`, or the nominal rig, are in another unit: predicted and counted lengths then differ
+    by far, and agree in that unit.
     """
     as_said = _misfit(campaign, 1.0)
     # a rig that is too small and positions that are too large look alike, but for its own size
@@ -39,8 +39,8 @@ def without_slips(campaign: Campaign, name: str) -> Campaign:
 
 
 def _misfit(campaign: Campaign, factor: float) -> float:
-    """Root mean square [mm] by which counted changes of length differ from the nominal rig's with positions times a factor; infinite where
-    no cable could run so."""
+    """Return the root mean square [mm] of counted minus nominal changes of length, with positions times a factor; infinite if no cable
+    could run."""
     rows = campaign.poses.rows * np.array([factor] * 3 + [1.0] * 4)
     off: list[FloatArray] = []
     for j, cable in enumerate(campaign.cables):
@@ -58,7 +58,7 @@ def _misfit(campaign: Campaign, factor: float) -> float:
 
 
 def _counted_once(campaign: Campaign) -> Campaign:
-    """Poses of another name whose numbers and counts are those of an earlier one to the last digit tell nothing more."""
+    """Merge poses whose numbers and counts are those of an earlier one to the last digit: they add no information."""
     values = np.column_stack([campaign.poses.rows, campaign.counts])
     counts, notes, first = campaign.counts.copy(), [], dict[bytes, int]()
     for i, row in enumerate(values + 0.0):
