@@ -1,7 +1,7 @@
-"""Estimation of parameters from residuals: it knows a `Problem` and nothing of where that comes from.
+"""Estimation of parameters from residuals: it knows a `Problem`, not its source.
 
 A `Problem` is parameters with priors, residuals with derivatives and a covariance, and perhaps nuisance parameters; its `Fit` is an optimum
-with what it tells.
+with its uncertainty.
 """
 
 import lazy_loader

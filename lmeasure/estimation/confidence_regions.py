@@ -1,18 +1,18 @@
-"""95 % regions of estimated values: to second order of the model, and from the distribution that the errors really have.
+"""95 % regions of estimated values: to second order of the model, and from the real distribution of the errors.
 
-A value that the data see weakly drags others along a curve: the truth lies in a banana, and the ellipsoid of the
-linearised model is far thinner. Let x be the components of a deviation of the truth from the result along the principal directions of the
-linear covariance, in their standard uncertainties, U the left singular vectors of the whitened Jacobian and H the second derivatives of the
-whitened residuals by x. The truth is where the residuals are the noise e, so U'e = x + U'H[x, x]/2, hence
+A value that the data see weakly drags others along a curve: the truth lies in a banana, and the ellipsoid of the linearised model is far
+thinner. Let x be the components of a deviation of the truth from the result along the principal directions of the linear covariance, in
+their standard uncertainties, U the left singular vectors of the whitened Jacobian and H the second derivatives of the whitened residuals by
+x. The truth is where the residuals are the noise e, so U'e = x + U'H[x, x]/2, hence
 
     x = xi - U'H[xi, xi]/2 + third order,    xi = U'e.
 
-(The part of H across the tangent plane multiplies residuals of the order of the noise and is left out: Bates and Watts, 1980, find
-it negligible beside the part in the plane, as it is here.) In a silent direction xi is the nominal value's own error, one prior standard
+(The part of H across the tangent plane multiplies residuals of the order of the noise and is omitted: Bates and Watts, 1980, find it
+negligible beside the part in the plane, as it is here.) In a silent direction xi is the nominal value's own error, one prior standard
 uncertainty. The mean square of the second-order part is added to the linear covariance; xi and its even part do not correlate.
 
-xi itself is drawn from what the data are (JCGM 101): rounding is uniform, and a Gaussian 95 % region would hold 97.5 % of three rounding
-errors and nearly all of six; the rest is Gaussian; a noise level estimated from few residuals makes it Student's.
+xi itself is drawn from the distributions of the data (JCGM 101): rounding is uniform, and a Gaussian 95 % region would hold 97.5 % of three
+rounding errors and nearly all of six; the rest is Gaussian; a noise level estimated from few residuals makes it Student's.
 """
 
 from dataclasses import dataclass
@@ -32,11 +32,11 @@ BENT = 3.0
 
 @dataclass(frozen=True)
 class Regions:
-    """Where the truth is with 95 %.
+    """Regions that contain the truth with 95 %.
 
-    covariance (p, p) of the values, second order included, in their units; factor: the values v with
-    (v - result)' covariance^-1 (v - result) <= factor^2 are the joint region; U95 (p,) half width of each value's own interval;
-    bend: root mean square of the second-order part in the direction where it is largest in linear standard uncertainties.
+    covariance (p, p) of the values, second order included, in their units; factor: the values v with (v - result)' covariance^-1 (v -
+    result) <= factor^2 are the joint region; U95 (p,) half width of each value's own interval; bend: root mean square of the second-order
+    part in the direction where it is largest in linear standard uncertainties.
     """
 
     covariance: FloatArray
@@ -86,9 +86,9 @@ def _drawn(fit: Fit, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, 
 def _drawn_with_nuisance(
     fit: Fit, follows: FloatArray, held: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The same of the parameters, k of them beside the motions of the gauge, where there are nuisance parameters: axes (p, k). With r = e
-    at the truth, d = K e + first order of what is held, and K r = 0 at the result, K J being the projector onto what the data determine,
-    the second order is -K H[d, d]/2; H[d, d] = r(x + d) + r(x - d) - 2 r(x) is taken from the residuals themselves."""
+    """Return the same of the parameters, k of them beside the motions of the gauge, where there are nuisance parameters: axes (p, k). With
+    r = e at the truth, d = K e + first order of the fixed values, and K r = 0 at the result, K J being the projector onto what the data
+    determine, the second order is -K H[d, d]/2; H[d, d] = r(x + d) + r(x - d) - 2 r(x) is taken from the residuals themselves."""
     own, residuals = fit.problem.own, fit.problem.residuals
     every = follows @ _noise(fit, rng)[:, :JOINT_DRAWS] + held @ rng.normal(size=(held.shape[1], JOINT_DRAWS))
     H = np.array([residuals(fit.theta + d) + residuals(fit.theta - d) for d in every.T]).T - 2.0 * fit.residuals[:, None]
@@ -101,7 +101,7 @@ def _drawn_with_nuisance(
 
 
 def _noise(fit: Fit, rng: np.random.Generator) -> FloatArray:
-    """(e, DRAWS) errors of the residuals with covariance V: uniform what is (`Problem.uniform`), the rest Gaussian."""
+    """Return (e, DRAWS) errors of the residuals with covariance V: uniform if stated (`Problem.uniform`), the rest Gaussian."""
     rounding, zeros = fit.problem.uniform()
     rest = fit.V - np.diag(rounding) - zeros @ zeros.T
     out = rng.uniform(-1.0, 1.0, (len(rest), DRAWS)) * np.sqrt(3.0 * rounding)[:, None]

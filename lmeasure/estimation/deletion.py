@@ -1,9 +1,9 @@
-"""Comparison of groups of residuals: deletion residuals, and tests of groups that may be wrong together (Baarda's data snooping; Cook
-and Weisberg, Residuals and Influence in Regression, 1982).
+"""Comparison of groups of residuals: deletion residuals, and tests of groups that may be wrong together (Baarda's data snooping; Cook and
+Weisberg, Residuals and Influence in Regression, 1982).
 
-All of it from one matrix, P = V^-1 - V^-1 J (J^T V^-1 J)^-1 J^T V^-1 with J the Jacobian in the directions the data determine: P r are the
-residuals as the fit sees them, and the block of P for some residuals tells how far these are free to disagree with the rest. With
-a prior on every direction P = (V + J J^T)^-1, J in prior widths: then the prior disagrees too.
+Everything follows from one matrix, P = V^-1 - V^-1 J (J^T V^-1 J)^-1 J^T V^-1 with J the Jacobian in the directions the data determine: P r
+are the residuals as the fit sees them, and the block of P for some residuals is the information about their disagreement with the rest.
+With a prior on every direction P = (V + J J^T)^-1, J in prior widths: then the prior disagrees too.
 """
 
 import copy
@@ -41,8 +41,7 @@ def fall_test(fall: float, freedom: float, rest: float, left: float) -> tuple[fl
 
 
 class Remainder:
-    """Remainder of residuals r (e,) by weights P (e, e) that leave nothing of what has been fitted: of chi-squared r' P r with freedom
-    degrees of freedom."""
+    """Remainder of residuals r (e,) by weights P (e, e) without the fitted part: chi-squared r' P r with freedom degrees of freedom."""
 
     def __init__(self, weights: FloatArray, residuals: FloatArray, freedom: int) -> None:
         self._P, self._seen = weights, np.asarray(weights @ residuals, dtype=np.float64)
@@ -55,7 +54,7 @@ class Remainder:
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom of what is left."""
+        """Return the degrees of freedom of the remainder."""
         return self._freedom
 
     def test(self, fall: float, freedom: int) -> tuple[float, float] | None:
@@ -64,8 +63,8 @@ class Remainder:
         return fall_test(fall, freedom, self._chi2 - fall, self._freedom - freedom)
 
     def added(self, columns: FloatArray) -> Shift | None:
-        """By how much chi-squared would fall if what columns (e, c) add to the residuals were solved for as well, and how many of them the
-        rest can tell. None where it tells nothing of them."""
+        """Return the fall of chi-squared if the shifts of residuals by columns (e, c) were solved for as well, and the number of determined
+        ones. None if none is determined."""
         stiffness, pull = self._whitened(columns)
         return Shift(float(pull @ pull), stiffness.shape[1]) if stiffness.shape[1] else None
 
@@ -93,19 +92,18 @@ class Remainder:
         return np.asarray(seen @ W), np.asarray(W.T @ (unit.T @ self._seen))
 
     def step(self, column: FloatArray) -> tuple[float, float] | None:
-        """Return what would have to be taken from residuals along a column (e,), and by how much chi-squared would fall; None where
-        nothing tells."""
+        """Return the shift of residuals along a column (e,), and the fall of chi-squared; None if undetermined."""
         stiffness, pull = float(column @ self._P @ column), float(column @ self._seen)
         if stiffness < 1e-9 * float(np.trace(self._P)):
             return None
         return pull / stiffness, pull * pull / stiffness
 
     def sizes(self, columns: FloatArray) -> FloatArray:
-        """(c,) of columns (e, c) that the residuals follow best, the shortest where they do not tell."""
+        """Return the (c,) sizes of columns (e, c) that the residuals follow best, the shortest if undetermined."""
         return np.asarray(np.linalg.pinv(self.information(columns), rcond=1e-9, hermitian=True) @ (columns.T @ self._seen))
 
     def falls(self, columns: FloatArray) -> FloatArray:
-        """(c,) by how much chi-squared would fall with each of columns (e, c) alone, 0 where nothing tells of it."""
+        """Return the (c,) falls of chi-squared by each of columns (e, c) alone, 0 if undetermined."""
         stiffness, pull = np.einsum("ec,ec->c", columns, self._P @ columns), columns.T @ self._seen
         determined = stiffness > 1e-9 * float(np.trace(self._P))
         return np.asarray(np.where(determined, pull**2 / np.where(determined, stiffness, 1.0), 0.0))
@@ -114,8 +112,8 @@ class Remainder:
 class Deletion(Remainder):
     """Deletion diagnostics of a fit.
 
-    at_start: of what the unknowns were taken for instead, of which nothing is fitted: P = V^-1, which takes the errors that residuals share
-    from one group to the next.
+    at_start: at the initial values instead, without a fit: P = V^-1, which carries the errors that residuals share from one group to the
+    next.
     """
 
     def __init__(self, fit: Fit, *, at_start: bool = False) -> None:
@@ -140,8 +138,8 @@ class Deletion(Remainder):
         self._chi2, self._freedom = fit.chi2, fit.freedom
 
     def shift(self, columns: FloatArray, extra: float = 0.0) -> Shift | None:
-        """How all others contradict residuals that columns (e, c) shift together. extra: a variance of each shift that is in V and takes no
-        part in the verdict. None where the others cannot tell."""
+        """Return the contradiction of all others to residuals that columns (e, c) shift together. extra: a variance of each shift that is
+        in V and not in the verdict. None if the others do not determine it."""
         nuisance = self._fit.problem.nuisance
         if not columns.shape[1]:
             return None
@@ -153,8 +151,8 @@ class Deletion(Remainder):
         return Shift(float(np.sum(shift**2 / (1.0 / values - extra))), len(shift))
 
     def deleted(self, groups: IntArray) -> list[tuple[IntArray, FloatArray]]:
-        """For each group of residuals, numbered by groups (e,), its rows, and these residuals from a fit without it; where they have
-        nuisance parameters of their own, what these leave over of them. Groups that the rest cannot do without are left out."""
+        """Return for each group of residuals, numbered by groups (e,), its rows, and these residuals from a fit without it. Own nuisance
+        parameters of the group are eliminated. Groups that the rest needs are omitted."""
         out, nuisance = [], self._fit.problem.nuisance
         for group in np.unique(groups):
             rows = np.flatnonzero(groups == group)
@@ -168,9 +166,8 @@ class Deletion(Remainder):
 
 
 def _told(information: FloatArray, alone: FloatArray, lost: int) -> tuple[FloatArray, FloatArray] | None:
-    """(k,) eigenvalues and (c, k) eigenvectors of what the others say about c residuals: all of it, but for as many combinations as these
-    have nuisance parameters of their own, which can make anything of them. None where the others cannot tell. alone (c, c): what would be
-    said of them if nothing had been fitted, beside which what is left of it may be rounding."""
+    """Return (k,) eigenvalues and (c, k) eigenvectors of the others' information about c residuals. Combinations that the residuals' own
+    nuisance parameters can fit are omitted. None without information. alone (c, c): information without any fit, the scale of rounding."""
     values, vectors = np.linalg.eigh(information)
     values, vectors = values[lost:], vectors[:, lost:]
     if not len(values) or values[0] * UNTOLD < np.trace(alone):
@@ -179,12 +176,12 @@ def _told(information: FloatArray, alone: FloatArray, lost: int) -> tuple[FloatA
 
 
 def deletion_squares(residuals: FloatArray, covariance: FloatArray, explained: FloatArray, weight: FloatArray) -> FloatArray:
-    """(n,) `Deletion.shift`'s square for groups of residuals (n, m) that correlate with no others: what all others say about each, with no
-    matrix over all of them.
+    """Return (n,) the square of `Deletion.shift` for groups of residuals (n, m) that correlate with no others, without a matrix over all of
+    them.
 
-    covariance (n, m, m) of the groups' own errors; explained (n, m, m): that of what the fit predicts of them; weight (n,): with which the
-    fit has seen the group, as if its errors had the covariance V / weight; 0 not at all. In the eigenvectors of H = J C J' in units of V,
-    with eigenvalues h, the residuals from a fit without the group are r / (1 - w h), of variance 1 + h / (1 - w h).
+    covariance (n, m, m) of the groups' own errors; explained (n, m, m): that of the fit's prediction; weight (n,): the weight of the group
+    in the fit, as if its errors had the covariance V / weight; 0 for no use. In the eigenvectors of H = J C J' in units of V, with
+    eigenvalues h, the residuals from a fit without the group are r / (1 - w h), of variance 1 + h / (1 - w h).
     """
     root = np.linalg.inv(np.linalg.cholesky(covariance))
     value, vector = np.linalg.eigh(root @ explained @ np.swapaxes(root, 1, 2))
@@ -195,10 +192,10 @@ def deletion_squares(residuals: FloatArray, covariance: FloatArray, explained: F
 
 
 def held_out(whole: Problem, theta: FloatArray, fit: Fit, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """(k,) errors and (k, k) their covariance, of what a fit predicts of residuals that it has not seen.
+    """Return (k,) errors and (k, k) covariance of a fit's prediction of validation residuals.
 
-    whole has the fit's unknowns by name, further nuisance parameters of what was kept out perhaps, and the residuals of both; theta: values
-    of all; rows: which residuals the fit has seen.
+    whole has the fit's unknowns by name, perhaps nuisance parameters of the validation data, and the residuals of both; theta: values of
+    all; rows: the residuals of the fit.
     """
     r, J, V = whole.residuals(theta), whole.jacobian(theta), whole.covariance(theta)
     own = J[:, np.isin(whole.names, fit.problem.names)]

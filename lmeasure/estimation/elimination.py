@@ -1,11 +1,11 @@
 """Nuisance parameters eliminated: the optimum of a problem in which each measurement has unknowns of its own.
 
-With r = r0 + A da + P dp, da of the parameters and dp of the nuisance parameters, and N a basis of what is normal to P (its columns are
+With r = r0 + A da + P dp, da of the parameters and dp of the nuisance parameters, and N a basis of the normal space of P (its columns are
 combinations of residuals that no nuisance parameter can change), N'r = N'r0 + N'A da is a problem like any other, its covariance N'VN; dp
 follows from the generalised least squares of the rest. A block that is not shared touches its own residuals only, so that N is made block
 by block. Gauss-Newton with the elimination at each step is variable projection (Golub and Pereyra 1973, in Kaufman's form).
 
-Where the whole may move without any residual changing, the problem's gauge chooses: the free network of surveying (Mikhail and Ackermann,
+If all may move without a change of residuals, the problem's gauge chooses: the free network of surveying (Mikhail and Ackermann,
 Observations and Least Squares, 1976, ch. 9).
 """
 
@@ -107,8 +107,8 @@ class Eliminated:
         return out
 
     def merit(self, r: FloatArray, z: FloatArray, everywhere: bool) -> float:
-        """What a step must not make larger: residuals that no nuisance parameter can take away, and with the prior the distance from the
-        nominal values."""
+        """Return the value that a step must not increase: residuals that no nuisance parameter can remove, and with the prior the distance
+        from the nominal values."""
         return float(np.sum((self.W @ r) ** 2) + (z @ z if everywhere else 0.0))
 
     def follow_up(self, r: FloatArray, dz: FloatArray) -> FloatArray:
@@ -121,8 +121,8 @@ class Eliminated:
 
 
 def _eliminate(nuisance: Nuisance, P: FloatArray) -> tuple[FloatArray, FloatArray, list[int]]:
-    """An orthonormal basis N (e, e - rank) of what is normal to the nuisance parameters' derivatives P (e, d b), a left inverse (d b, e) of
-    P, and the blocks that P does not tell wholly."""
+    """Return an orthonormal basis N (e, e - rank) of the normal space of the nuisance parameters' derivatives P (e, d b), a left inverse (d
+    b, e) of P, and the blocks that P determines only in part."""
     e, d = len(P), nuisance.size
     columns = np.arange(P.shape[1]).reshape(-1, d)
     inverse, loose = np.zeros((P.shape[1], e)), []
@@ -168,7 +168,7 @@ def _apart(P: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
 
 
 def _described(problem: Problem, theta: FloatArray, V: FloatArray, prior: bool, part: Eliminated, converged: bool, framed: bool) -> Fit:
-    """CalibrationError where the residuals do not tell all of a block."""
+    """Return the fit at theta; CalibrationError if the residuals do not determine all of a block."""
     if part.loose:
         raise CalibrationError(problem.untold(part.loose[0]))
     own, width = problem.own, problem.parameters.width

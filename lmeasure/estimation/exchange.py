@@ -1,9 +1,8 @@
-"""Which measurements to make: chosen by exchange (Fedorov 1972; Atkinson, Donev and Tobias, Optimum Experimental Designs, 2007, chapters 10
-to 12).
+"""Choice of measurements by exchange (Fedorov 1972; Atkinson, Donev and Tobias, Optimum Experimental Designs, 2007, chapters 10 to 12).
 
-A sweep takes one measurement out of a design, tries every candidate in its place by an update of the rank of its residuals, and keeps the
-best; what all of them hang on, if anything, is tried in full. When no exchange helps, candidates beside each are tried. Everything is
-deterministic for a seed.
+A sweep removes one measurement from a design, tries every candidate in its place by an update of the rank of its residuals, and keeps the
+best. A common element of all measurements, if any, is tried in full. When no exchange helps, candidates beside each are tried. Everything
+is deterministic for a seed.
 """
 
 from collections.abc import Iterable
@@ -29,7 +28,7 @@ class Criterion:
     """A number to minimise, from an information matrix M (q, q) with its prior: mean or largest variance of targets, or the logarithm of
     the determinant of the parameters' covariance.
 
-    targets (t, p) are derivatives of what is to be predicted by the parameters, in the units of M; shared errors stand in M behind these.
+    targets (t, p) are derivatives of predictions by the parameters, in the units of M; shared errors follow these in M.
     """
 
     def __init__(self, kind: str, targets: FloatArray) -> None:
@@ -61,8 +60,8 @@ class Criterion:
         return self._largest(self._variances(S[: self._p, : self._p]), spread, gram, self._targets)
 
     def best(self, M: FloatArray, blocks: FloatArray, free: BoolArray) -> tuple[int, float]:
-        """Which of the free (n,) blocks has the least of `values`, and that; of the largest variance without working out all: that of the
-        `WORST` targets, as M has them, bounds that of all from below, and blocks whose bound is above what another reaches need no more."""
+        """Return the index of the free (n,) block with the least of `values`, and that. For the largest variance, the `WORST` targets bound
+        that of all from below: blocks whose bound is above a reached value are skipped."""
         if self.kind != "G" or len(self._targets) <= WORST:
             values = np.where(free, self.values(M, blocks), np.inf)
             return int(np.argmin(values)), float(values.min())
@@ -106,7 +105,7 @@ class Criterion:
         return np.asarray(after.max(axis=1))
 
     def better(self, new: float, old: float) -> bool:
-        """Whether a value is worth an exchange."""
+        """Return whether a value is worth an exchange."""
         return new < old - WORTH if self.kind == "D" else new < old * (1.0 - WORTH)
 
     def _variances(self, covariance: FloatArray) -> FloatArray:
@@ -140,14 +139,14 @@ class Candidates(Protocol):
         """(n, m, q) matrices A_c (see `information`) of points (n, d)."""
 
     def apart(self, tried: FloatArray, points: FloatArray) -> BoolArray:
-        """(n,) True for those of tried (n, d) that repeat none of points (k, d), nor what was measured before."""
+        """Return (n,) True for those of tried (n, d) that repeat none of points (k, d), and no earlier measurement."""
 
     def beside(self, points: FloatArray) -> list[FloatArray]:
         """Return, for each of points (k, d), the further candidates (n, d) that differ little from it."""
 
     def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterable[tuple[Self, FloatArray]]:
-        """The same with something else that all measurements hang on, besides points (k, d), and their blocks then; near: only what
-        differs little."""
+        """Yield designs with another common element of all measurements, beside points (k, d), and their blocks; near: only small
+        differences."""
 
 
 @dataclass(frozen=True)
@@ -234,7 +233,7 @@ def improved(design: Design[C], criterion: Criterion, rng: np.random.Generator) 
 
 
 def _swept(design: Design[C], criterion: Criterion, near: bool) -> Design[C]:
-    """Each point in turn against the pool, or against what lies beside it."""
+    """Return the design after trying each point in turn against the pool, or against its neighbours."""
     space, value = design.candidates, criterion.value(design.information)
     around = _around(design) if near else [(space.pool, space.determined)] * len(design.points)
     for k, (tried, determined) in enumerate(around):
@@ -251,7 +250,7 @@ def _swept(design: Design[C], criterion: Criterion, near: bool) -> Design[C]:
 
 
 def _around(design: Design[C]) -> list[tuple[FloatArray, FloatArray]]:
-    """Return what lies beside each point (n, d), with its blocks (n, m, q)."""
+    """Return the neighbours of each point (n, d), with their blocks (n, m, q)."""
     space = design.candidates
     beside = space.beside(design.points)
     determined = space.blocks(np.concatenate(beside))
@@ -259,7 +258,7 @@ def _around(design: Design[C]) -> list[tuple[FloatArray, FloatArray]]:
 
 
 def _hung(design: Design[C], criterion: Criterion, near: bool, rng: np.random.Generator) -> Design[C]:
-    """Return what all points hang on against others: all equations are formed anew for each."""
+    """Return the design with the best common element of all points; each choice forms all equations anew."""
     best, value = design, criterion.value(design.information)
     for other, blocks in design.candidates.others(design.points, near, rng):
         moved = replace(design, candidates=other, blocks=blocks)

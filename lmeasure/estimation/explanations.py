@@ -1,13 +1,13 @@
 """Residuals larger than the stated noise: competing explanations, and their evidence.
 
-Each explanation adds a covariance u^2 F F' to that of the residuals: errors that nobody stated, or a value taken as exact that is not
-(F then holds the residuals' derivatives by it, in prior widths). With r' = N'L^-1 r, L L' the covariance so far and N a basis of what the
+Each explanation adds a covariance u^2 F F' to that of the residuals: unstated errors, or an inexact value taken as exact (F then contains
+the residuals' derivatives by it, in prior widths). With r' = N'L^-1 r, L L' the covariance so far and N a basis of the space that the
 solved unknowns cannot explain, twice the restricted log likelihood (Patterson and Thompson, Biometrika 58, 1971) rises by
 
     gain(u) = sum_i y_i^2 u^2 s_i^2/(1 + u^2 s_i^2) - log(1 + u^2 s_i^2),
 
-s_i the singular values of N'L^-1 F and y = U'r'. Each explanation has one number, so that their gains compare as they stand: the one that
-gains most is taken first, as long as one gains more than chance does. Errors widen the covariance, values are solved for.
+s_i the singular values of N'L^-1 F and y = U'r'. Each explanation has one number, so that their gains are comparable: the largest gain is
+taken first, as long as it exceeds chance. Errors widen the covariance, values are solved for.
 """
 
 from dataclasses import dataclass, field, replace
@@ -36,10 +36,11 @@ ROUNDS = 2  # the second settles a size where the first moved the optimum
 ASKED = 4.0  # Least gain of an explanation beside others; one that gains less is idle
 
 ALLOWED = 0.5
-"""Fall of twice the log likelihood down to which residuals allow an error that nobody stated: it need not show to be there.
+"""Fall of twice the log likelihood down to which residuals allow an unstated error: it may exist without showing.
 
 The largest such size is below the true one in 24 of 100 cases (chi-squared of one degree of freedom), with a fall of 1.0 in 16. More would
-make uncertainties larger than they need be: with 0.5 they are already twice the errors of a campaign of 20 noisy poses of known truth."""
+make uncertainties larger than they need be: with 0.5 they are already twice the errors of a campaign of 20 noisy poses of known truth.
+"""
 
 REFUTED = 9.2  # By how much less a lasting error must gain than another, so that it need not be reckoned with: odds of a hundred
 
@@ -52,8 +53,8 @@ Key = tuple[str, str | None]
 
 @dataclass(frozen=True)
 class Explanation:
-    """name; F (e, c) how the residuals follow its independent standard errors, for the size 1; label: what of several things it concerns;
-    lasting: whether the same errors are made again in all that is measured later."""
+    """name; F (e, c) change of the residuals by its independent standard errors, for the size 1; label: its object among several; lasting:
+    whether the same errors are in all later measurements."""
 
     name: str
     F: FloatArray
@@ -62,7 +63,7 @@ class Explanation:
 
     @property
     def key(self) -> Key:
-        """Return what it differs from others by."""
+        """Return the key that distinguishes it from others."""
         return self.name, self.label
 
 
@@ -73,10 +74,10 @@ class Alternatives(Protocol[P]):
     """Alternatives to a problem that its maker can state."""
 
     def errors(self, problem: P, theta: FloatArray) -> list[Explanation]:
-        """Explanations that are errors, beyond what is stated."""
+        """Return explanations that are unstated errors."""
 
     def widened(self, problem: P, sizes: dict[Key, float]) -> P:
-        """The problem with errors of these sizes beside what is stated."""
+        """Return the problem with errors of these sizes beside the stated ones."""
 
     @property
     def values(self) -> tuple[str, ...]:
@@ -88,9 +89,9 @@ class Alternatives(Protocol[P]):
 
 @dataclass(frozen=True)
 class Explained(Generic[P]):
-    """The problem as it is solved now and its fit, under what was taken so far: groups of values that are solved for too, and errors with
-    their sizes. doubt: size of a lasting error that explains nearly as well what was put down to another. unstated: errors of which nobody
-    has stated a size; where they do not show, they are taken as large as the residuals allow."""
+    """The present problem and its fit, under the explanations so far: groups of values that are solved for too, and errors with their
+    sizes. doubt: size of a lasting error that explains nearly as well the part explained by another. unstated: errors without a stated
+    size; if they do not show, they are as large as the residuals allow."""
 
     problem: P
     fit: Fit
@@ -101,13 +102,13 @@ class Explained(Generic[P]):
 
 
 def improbable(found: Fit, chance: float = CHANCE) -> bool:
-    """Whether chi-squared of a fit is beyond chance."""
+    """Return whether chi-squared of a fit is beyond chance."""
     freedom = found.freedom
     return freedom >= 1 and bool(scipy.stats.chi2.sf(found.chi2, freedom) < chance)
 
 
 def explained(state: Explained[P], alternatives: Alternatives[P]) -> Explained[P]:
-    """Return what explains the residuals best beside what is taken already, one thing after another."""
+    """Return the best explanation of the residuals beside those so far, one after another."""
     begun = state.problem
     for _ in range(MOST_TAKEN):
         gains = _gains(state, alternatives)
@@ -138,7 +139,7 @@ def embedded(problem: Problem, theta: FloatArray, wider: Problem) -> FloatArray:
 
 
 def evidence(found: Fit, V: FloatArray) -> "Evidence":
-    """Return what is judged under a covariance V of the residuals; nominal values that decide are as uncertain as they say."""
+    """Return the evidence under a covariance V of the residuals; deciding nominal values have their prior uncertainty."""
     silent = found.undetermined
     return Evidence(found.residuals, found.determined, V + silent @ silent.T)
 
@@ -157,7 +158,7 @@ def _needed(state: Explained[P]) -> float:
 
 
 def _gains(state: Explained[P], alternatives: Alternatives[P]) -> list[_Gain]:
-    """Return what each explanation that is not taken already gains."""
+    """Return the gain of each further explanation."""
     problem, theta = state.problem, state.fit.theta
     every = [x for x in alternatives.errors(problem, theta) if x.key not in state.sizes]
     for group in alternatives.values:
@@ -192,7 +193,7 @@ def _solved_for(state: Explained[P], problem: P, groups: tuple[str, ...], altern
 
 
 def _pruned(state: Explained[P], begun: P, alternatives: Alternatives[P]) -> Explained[P]:
-    """The state without the groups of values that what was taken after them has made idle: errors can look like anything."""
+    """Return the state without groups of values that later explanations have made idle: errors can look like anything."""
     for group in state.groups[:-1] if not state.sizes else state.groups:
         problem, others = begun, tuple(g for g in state.groups if g != group)
         for name in others:
@@ -204,7 +205,7 @@ def _pruned(state: Explained[P], begun: P, alternatives: Alternatives[P]) -> Exp
 
 
 class Evidence:
-    """Gains of explanations over a covariance V (e, e) of residuals (e,) with derivatives J (e, p) by what is solved."""
+    """Gains of explanations over a covariance V (e, e) of residuals (e,) with derivatives J (e, p) by the solved parameters."""
 
     def __init__(self, residuals: FloatArray, J: FloatArray, V: FloatArray) -> None:
         self._r, self._J, self._V = residuals, J, V

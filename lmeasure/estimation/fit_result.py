@@ -1,4 +1,4 @@
-"""An optimum, and what it tells."""
+"""Optimum of a problem, and its uncertainty."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,13 +14,13 @@ class Fit:
     """An optimum of a problem of p parameters and P unknowns in all.
 
     theta (P,) in the units of the unknowns; residuals (e,); V (e, e) their covariance; s (p,) singular values of the whitened Jacobian in
-    prior widths, nuisance parameters eliminated (zero-padded), directions (p, p) its right singular vectors as rows; known (p,) True
-    where the data decide; prior_everywhere: whether the prior acts on those too; covariance (P, P) of theta with the model linearised; chi2
-    of the residuals under V; prior_misfit: squared distance from the nominal values in prior widths where the prior acts;
-    nominal_misfit: the same in all directions; lost: how many of the residuals a robust loss has taken back; excess: how many times V the
-    residuals ask for when nothing explains them (in the covariance already); motions: how many of the directions, the last, are those of
-    the problem's gauge. eliminated: of a problem with nuisance parameters, how theta follows errors of the residuals (P, e), with the other
-    sign, and one standard uncertainty of what only nominal values tell (P, q).
+    prior widths, nuisance parameters eliminated (zero-padded), directions (p, p) its right singular vectors as rows; known (p,) True where
+    the data decide; prior_everywhere: whether the prior acts on those too; covariance (P, P) of theta with the model linearised; chi2 of
+    the residuals under V; prior_misfit: squared distance from the nominal values in prior widths where the prior acts; nominal_misfit: the
+    same in all directions; lost: number of residuals that a robust loss has rejected; excess: factor on V by unexplained residuals (in the
+    covariance already); motions: number of the last directions, those of the problem's gauge. eliminated: for a problem with nuisance
+    parameters, minus the change of theta by errors of the residuals (P, e), and by one standard uncertainty of values known from their
+    nominal ones only (P, q).
     """
 
     problem: Problem
@@ -59,12 +59,12 @@ class Fit:
 
     @property
     def silent(self) -> FloatArray:
-        """(k, p) directions of the parameters of which the data say nothing, and no choice of a gauge."""
+        """Return (k, p) directions of the parameters that neither the data nor a gauge determine."""
         return self.directions[~self.known][: int((~self.known).sum()) - self.motions]
 
     @property
     def objective(self) -> float:
-        """Twice the negative log posterior, constants left out: what tells one minimum from another."""
+        """Return twice the negative log posterior, constants omitted, which distinguishes minima."""
         return self.chi2 + self.nominal_misfit
 
     @cached_property
@@ -79,12 +79,12 @@ class Fit:
 
     @property
     def determined(self) -> FloatArray:
-        """(e, rank) derivatives of the residuals along what the data determine: directions of the parameters, and nuisance parameters."""
+        """Return (e, rank) derivatives of the residuals along determined directions of the parameters, and by nuisance parameters."""
         return np.hstack([self.along @ self.directions[self.known].T, self.jacobian[:, self.problem.own :]])
 
     @property
     def undetermined(self) -> FloatArray:
-        """(e, k) changes of the residuals by one standard uncertainty of what only nominal values tell."""
+        """Return (e, k) changes of the residuals by one standard uncertainty along directions that only nominal values determine."""
         return np.asarray(self.along @ self.directions[~self.known].T if self.eliminated is None else self.jacobian @ self.eliminated[1])
 
     @property

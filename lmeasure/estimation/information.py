@@ -1,11 +1,11 @@
 """Information of future measurements: information matrices as sums over them.
 
-With V the covariance of all residuals, V = D + K K^T, D a block per measurement and K what they share (where an instrument was zeroed), the
+With V the covariance of all residuals, V = D + K K^T, D a block per measurement and K shared errors (such as an instrument's zero), the
 shared errors are unknowns eta of their own with a unit normal as prior, and the information of all is a sum over the measurements,
 
     M = M_0 + sum_c A_c^T A_c,    A_c = D_c^{-1/2} [J_c, K_c],
 
-J_c the derivatives of its residuals by the parameters, M_0 what was known before. By Woodbury's identity the parameters' block of M^{-1} is
+J_c the derivatives of its residuals by the parameters, M_0 the prior information. By Woodbury's identity the parameters' block of M^{-1} is
 the covariance of the generalised least squares with V. In prior widths M_0 is the identity where nothing has been measured yet.
 """
 

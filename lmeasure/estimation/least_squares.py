@@ -1,9 +1,8 @@
 """Least squares: the optimum of a problem, with priors where the data are silent.
 
 Everything is done in z = (theta - nominal)/prior_u, so that the prior is a unit normal, and with residuals whitened by their covariance V.
-The singular values s of the whitened Jacobian in z then say how much better than the prior the data know each direction:
-u_data = prior_u/s. A direction with s < 1 is one the data leave undetermined: there, and only there, the prior decides (unless it is asked
-to act everywhere).
+The singular values s of the whitened Jacobian in z compare the data with the prior along each direction: u_data = prior_u/s. The data do
+not determine a direction with s < 1: there, and only there, the prior decides (unless it acts everywhere).
 """
 
 from dataclasses import replace
@@ -71,11 +70,11 @@ def _plateau(found: Fit) -> bool:
 
 
 def fit(problem: Problem, start: FloatArray, prior_everywhere: bool = False, near: bool = False, *, roughly: bool = False) -> Fit:
-    """The optimum nearest to start (P,): first with the prior on every direction, which is always well posed; then, unless the prior is
-    to act everywhere, the prior is taken off the directions that the data determine. near: start is an optimum under hardly different
-    weights, from where only the second part is needed. roughly: objectives are compared that differ by far, few digits of them will do.
+    """Return the optimum nearest to start (P,): first with the prior on every direction, which is always well posed; then, unless the prior
+    acts everywhere, without the prior on directions that the data determine. near: start is an optimum under hardly different weights, so
+    that only the second part is needed. roughly: few digits, to compare objectives that differ by far.
 
-    CalibrationError where the residuals do not tell all of the nuisance parameters.
+    CalibrationError if the residuals do not determine all nuisance parameters.
     """
     if problem.nuisance is not None:
         return elimination.fit(problem, start, prior_everywhere, near)
@@ -117,11 +116,11 @@ def _split(w: Whitened, z: FloatArray, most: int) -> tuple[FloatArray, FloatArra
 
 
 def _release(w: Whitened, z: FloatArray) -> tuple[FloatArray, bool, int]:
-    """Gauss-Newton that fits the data in the directions they determine and goes back to the nominal value in the others. It walks along a
-    curved valley: a step towards the nominal value may leave the floor by WALL standard uncertainties of the data, which the next ones
-    mend. What remains is settled when it is a hundredth of the standard uncertainty there. A direction may be determined at its own optimum
-    and not at the nominal value, or the other way round; one that keeps changing sides is left to its prior. The result, whether it
-    settled, and how many directions the data were allowed to determine."""
+    """Fit the data by Gauss-Newton in the directions they determine, and return to the nominal value in the others. It walks along a curved
+    valley: a step towards the nominal value may leave the floor by WALL standard uncertainties of the data, which the next ones repair. It
+    has converged if the next step is a hundredth of the standard uncertainty. A direction may be determined at its own optimum and not at
+    the nominal value, or the reverse; one that keeps changing sides is left to its prior. Return the result, its convergence, and the
+    number of determined directions."""
     r = w.residuals(z)
     settled, most = False, len(z)
     for step_number in range(MAX_STEPS):

@@ -1,7 +1,7 @@
 """Least squares of many residuals and few parameters, with priors everywhere: Levenberg's steps.
 
 For problems whose residuals come in small blocks that do not correlate with each other, thousands of them: a problem whitens its own
-residuals block by block, so that no covariance (e, e) is ever formed. The priors must be too wide to move what is determined.
+residuals block by block, so that no covariance (e, e) is ever formed. The priors must be too wide to move determined values.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class Blockwise(Protocol[L]):
         """Return the prediction at theta and near it."""
 
     def whitened(self, at: L) -> tuple[FloatArray, FloatArray]:
-        """(e,) residuals, measured less predicted, in standard deviations, and (e, p) derivatives of what is predicted."""
+        """Return (e,) residuals, measured minus predicted, in standard deviations, and (e, p) derivatives of the prediction."""
 
     def shifted(self, at: L, step: FloatArray) -> L:
         """The same a step (p,) farther, so small that nothing but the residuals changes."""
@@ -36,8 +36,8 @@ class Blockwise(Protocol[L]):
 
 @dataclass(frozen=True)
 class Optimum(Generic[L]):
-    """theta (p,), its covariance (p, p), information (p, p) of the residuals alone, determined: how many of the parameters they determine,
-    those that they and the priors do together in parts, chi2 of them, how many, whether it settled, and what is predicted there."""
+    """theta (p,), its covariance (p, p), information (p, p) of the residuals alone; determined: number of parameters that they determine,
+    partly with the priors; chi2, its number of residuals, convergence, and the prediction there."""
 
     theta: FloatArray
     covariance: FloatArray
@@ -50,7 +50,7 @@ class Optimum(Generic[L]):
 
 
 def optimum(problem: Blockwise[L], start: FloatArray, at: L | None = None) -> Optimum[L]:
-    """The optimum near start (p,). at: what is predicted near start, where it is known already."""
+    """Return the optimum near start (p,). at: the prediction near start, if already known."""
     theta, damping, width = start.copy(), 0.0, problem.width
     at = problem.linearised(theta) if at is None else at
     residuals, jacobian = problem.whitened(at)
@@ -86,8 +86,9 @@ def optimum(problem: Blockwise[L], start: FloatArray, at: L | None = None) -> Op
 
 
 def _triangle(jacobian: FloatArray, residuals: FloatArray, off: FloatArray) -> FloatArray:
-    """(p + 1, p + 1) the triangle of a QR decomposition of residuals and priors, in prior widths, and what they are off in its last column.
-    Normal equations would square the ratio of a prior of a hundred metres to a residual of a micrometre, and lose what only priors hold."""
+    """Return the (p + 1, p + 1) triangle of a QR decomposition of residuals and priors, in prior widths, with their values in its last
+    column. Normal equations would square the ratio of a prior of a hundred metres to a residual of a micrometre, and lose values that only
+    priors fix."""
     p = len(off)
     rows = np.vstack([np.column_stack([jacobian, residuals]), np.column_stack([np.eye(p), -off])])
     return np.asarray(np.linalg.qr(rows, mode="r"))

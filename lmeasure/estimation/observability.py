@@ -1,7 +1,7 @@
-"""Unobservable directions of residuals: those of which only priors speak, chosen so that they can be put in words.
+"""Directions of parameters that the residuals do not determine, in a basis that can be described in words.
 
 Their subspace, k orthonormal directions of p parameters in prior widths as rows (k, p), has no preferred basis. Two are offered: by the
-owners of parameters, of which each may have directions of its own, and by as few parameters as can be.
+owners of parameters, each with directions of its own, and by as few parameters as possible.
 """
 
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ SHARE = 0.3  # Of a direction that several owners share, from which an owner's p
 
 @dataclass(frozen=True)
 class Direction:
-    """weight (p,): in prior widths, of length 1; owner: whose values move most along it; alone: whether nobody else's do."""
+    """weight (p,): in prior widths, of length 1; owner: the owner of the values that move most along it; alone: whether no others move."""
 
     owner: str
     weight: FloatArray
@@ -38,11 +38,11 @@ class Direction:
 
 
 def by_owner(parameters: Parameters, silent: FloatArray) -> list[Direction]:
-    """(k) directions that span silent (k, p): those of each owner alone, strongest first, then those that owners share.
+    """Return (k) directions that span silent (k, p): those of each owner alone, strongest first, then those that owners share.
 
     The projector onto the subspace is the same for any basis: its block for one owner has an eigenvalue near 1 for each direction of that
-    owner alone. The one that is nearest is taken, then the next of what is left of the subspace. What is left in the end is spread over
-    several, and is listed under the one that moves most.
+    owner alone. The nearest one is taken, then the next from the remaining subspace. The last ones are spread over several owners, and
+    listed under the one that moves most.
     """
     owners, left, out = _owners(parameters), silent, list[Direction]()
     while len(left):

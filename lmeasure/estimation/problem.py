@@ -12,8 +12,8 @@ from lmeasure.core import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Parameters:
-    """Names (p) of values, what they are taken for before (p,), and the standard uncertainties of that (p,), in the units of their names. A
-    name is that of an owner, a point, and what it is of that."""
+    """Names (p) of values, their prior values (p,) and prior standard uncertainties (p,), in the units of their names. A name has an owner,
+    a point, and a quantity."""
 
     names: tuple[str, ...]
     nominal: FloatArray
@@ -30,10 +30,10 @@ class Parameters:
 
 @dataclass(frozen=True)
 class Nuisance:
-    """Parameters of which nothing is known before and which nobody asks for, in blocks of one size behind the others: where an instrument
-    stood at each measurement, say. They are eliminated (`estimation.elimination`).
+    """Parameters without a prior or a use, in blocks of one size behind the others: an instrument's position at each measurement, say. They
+    are eliminated (`estimation.elimination`).
 
-    names (d b) in the order of the unknowns; of (e,) the block each residual belongs to; shared: blocks of which residuals of any block
+    names (d b) in the order of the unknowns; of (e,) the block each residual belongs to; shared: blocks on which residuals of any block
     depend beside their own.
     """
 
@@ -57,11 +57,11 @@ class Nuisance:
 
 
 class Gauge(Protocol):
-    """Motions of all unknowns together of which no residual says anything, and the choice that is made among them instead."""
+    """Motions of all unknowns together that no residual determines, and the choice among them."""
 
     @property
     def keeps_prior(self) -> bool:
-        """Whether priors everywhere make the choice already."""
+        """Return whether priors everywhere already make the choice."""
 
     def motions(self, theta: FloatArray) -> FloatArray:
         """(P, g) how the unknowns move."""
@@ -70,7 +70,7 @@ class Gauge(Protocol):
         """The unknowns (P,) moved to where the choice puts them."""
 
     def projection(self, theta: FloatArray) -> FloatArray:
-        """(P, P) by which deviations of unknowns that lie there are brought back to it: an S-transformation (Baarda 1973)."""
+        """Return the (P, P) projection of deviations of unknowns back to the gauge: an S-transformation (Baarda 1973)."""
 
 
 class Problem(ABC):
@@ -106,7 +106,7 @@ class Problem(ABC):
 
     @property
     def start(self) -> FloatArray:
-        """(P,) what the unknowns are taken for before: nuisance parameters are counted from there."""
+        """Return (P,) the prior values of the unknowns: nuisance parameters are counted from there."""
         return np.r_[self.parameters.nominal, np.zeros(0 if self.nuisance is None else len(self.nuisance.names))]
 
     @property
@@ -121,6 +121,6 @@ class Problem(ABC):
         return np.zeros(e), np.zeros((e, 0))
 
     def untold(self, block: int) -> str:
-        """Return what is said where the residuals do not tell a block of nuisance parameters wholly."""
+        """Return the report for a block of nuisance parameters that the residuals do not determine completely."""
         assert self.nuisance is not None
         return f"{self.nuisance.names[block * self.nuisance.size]} and what belongs to it: the residuals do not tell it"

@@ -1,15 +1,15 @@
 """Robust loss for groups of residuals that the others contradict: Tukey's biweight by iteratively reweighted least squares.
 
-A group errs together: an instrument that did not stand where it says. d is its studentised deletion residual: the shift of its residuals
-that all others ask for, in units of that shift's own covariance, so that a group of great leverage cannot hide. d^2 is chi-squared with
-as many degrees of freedom as the group can err in; z is the normal deviate as improbable as it, and t = z/scale with the scale from the
-median of all z, at least 1: the noise as stated. The biweight w = (1 - (t/c)^2)^2, zero beyond c, is 95 % efficient where nothing is wrong.
+A group errs together: an instrument was not at its stated position. d is its studentised deletion residual: the shift of its residuals from
+all others, in units of that shift's own covariance, so that a group of great leverage cannot hide. d^2 is chi-squared with as many degrees
+of freedom as the group can err in; z is the normal deviate as improbable as it, and t = z/scale with the scale from the median of all z, at
+least 1, the stated noise. The biweight w = (1 - (t/c)^2)^2, zero beyond c, is 95 % efficient without faults.
 
 A weight is carried as a variance: the group's shifts get the independent variance s^2 (1/w - 1) with s^2 their stated one, on top of it.
 The covariance of the result is then that of a least squares with these variances, a little wider than without a robust loss, as it must be.
 
-Where residuals come in blocks that correlate with no others the weights divide the blocks instead, and `trust` says what an equation of
-weighted blocks is worth.
+If residuals come in blocks that correlate with no others, the weights divide the blocks instead, and `trust` returns the efficiency of an
+equation of weighted blocks.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,8 +39,8 @@ P = TypeVar("P", bound=Problem)
 
 @dataclass(frozen=True)
 class Group:
-    """Rows that may be wrong together: columns (e, c) by which it shifts the residuals, its own rows, from which its stated variance is
-    taken, and how many members it stands for among all groups."""
+    """Rows that may be wrong together: columns (e, c) of their joint shift, its own rows, which give its stated variance, and the number of
+    members that it represents among all groups."""
 
     columns: FloatArray
     rows: IntArray
@@ -121,13 +121,13 @@ def scatter(freedom: int) -> float:
 
 
 def trust(square: FloatArray, freedom: IntArray, weight: FloatArray, determined: float) -> float:
-    """Return what a least squares with weighted blocks is worth, in the information that it seems to have: 1.04 where nothing is wrong.
+    """Return the true over the apparent information of a least squares with weighted blocks: 1.04 without faults.
 
-    square (n,): d^2 of every block with m components, freedom (n,), of which weight (n,) follows; determined: how many unknowns they
-    determine. The sandwich of an equation sum w(d) J' V^-1 r = 0 (Huber and Ronchetti, Robust Statistics, 2009, 6.3 and 7.6) is, with means
-    over all components, b / (a^2 n) times (J' V^-1 J / n)^-1, a = E[w + d w'/m], b = E[w^2 d^2/m], both times 1 + determined/n var(w + d
-    w'/m)/a^2 for few of them. A least squares with weights states 1 / (n E[w]) instead. Which blocks have lost their weight stays in its
-    normal equations: where all blocks of one kind are bad, what only they tell is determined by nothing.
+    square (n,): d^2 of every block with m components, freedom (n,), from which weight (n,) follows; determined: number of unknowns that
+    they determine. The sandwich of an equation sum w(d) J' V^-1 r = 0 (Huber and Ronchetti, Robust Statistics, 2009, 6.3 and 7.6) is, with
+    means over all components, b / (a^2 n) times (J' V^-1 J / n)^-1, a = E[w + d w'/m], b = E[w^2 d^2/m], both times 1 + determined/n var(w
+    + d w'/m)/a^2 for few of them. A least squares with weights states 1 / (n E[w]) instead. Blocks without weight stay visible in its
+    normal equations: if all blocks of one kind are bad, nothing determines their parameters.
     """
     d, m = np.sqrt(square), freedom.astype(np.float64)
     z = normal_deviates(square, freedom)

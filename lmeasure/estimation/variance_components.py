@@ -1,10 +1,10 @@
 """Sizes of groups of errors, estimated together from the residuals that they leave (variance components).
 
-Residuals r ~ N(J theta, V) with V = V_0 + sum_g s_g^2 A_g, where theta is free. With N a basis of what no theta changes, the restricted
-likelihood (Patterson and Thompson, Biometrika 58, 1971) is that of N'r ~ N(0, N'VN). A size s_g is in units of the typical one, which A_g
-has. Its prior is the modulus of a Student variate of `FREEDOM` degrees of freedom, scaled to the mean square 1 (Gelman, Bayesian Analysis
-1, 2006). A group that the residuals do not show keeps its typical mean square. One that they show to be absent may be zero, and others may
-be many times as large. The posterior of x_g = log s_g is drawn by Metropolis steps along each x_g from the mode.
+Residuals r ~ N(J theta, V) with V = V_0 + sum_g s_g^2 A_g, with theta free. With N a basis of the space that no theta changes, the
+restricted likelihood (Patterson and Thompson, Biometrika 58, 1971) is that of N'r ~ N(0, N'VN). A size s_g is in units of the typical one,
+that of A_g. Its prior is the modulus of a Student variate of `FREEDOM` degrees of freedom, scaled to the mean square 1 (Gelman, Bayesian
+Analysis 1, 2006). A group that the residuals do not show keeps its typical mean square. One that they show to be absent may be zero, and
+others may be many times as large. The posterior of x_g = log s_g is drawn by Metropolis steps along each x_g from the mode.
 """
 
 from dataclasses import dataclass
@@ -71,7 +71,7 @@ def sizes(
 ) -> Sizes:
     """Return the sizes of groups of errors, parts (e, e) of the covariance of residuals r (e,) at their typical sizes, beside V (e, e).
 
-    J (e, p): derivatives by what is free; sweeps: number of draws, 0 for the mode alone; begun: sizes near the mode.
+    J (e, p): derivatives by free parameters; sweeps: number of draws, 0 for the mode alone; begun: sizes near the mode.
     """
     loss = _Restricted(r, J, V, parts)
     x = np.zeros(len(parts)) if begun is None else np.log(begun.size)

@@ -1,4 +1,4 @@
-"""Many folders at once: what items there are, a store of their results, and workers that do them."""
+"""Commands for many folders: the items, a store of their results, and workers for them."""
 
 import lazy_loader
 

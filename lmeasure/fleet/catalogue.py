@@ -1,4 +1,4 @@
-"""Catalogue of a store: what has been done, by which version, from which inputs, and what came of it."""
+"""Catalogue of a store: the items done, by which version, from which inputs, and their results."""
 
 import csv
 import datetime
@@ -52,7 +52,7 @@ _item = sa.Table(
 class Outcome:
     """Outcome of an item.
 
-    digest: SHA-256 of the command, its options and the bytes of its inputs; sha256: of what it wrote; line: why it failed.
+    digest: SHA-256 of the command, its options and the bytes of its inputs; sha256: of its outputs; line: the reason for a failure.
     """
 
     command: str
@@ -133,7 +133,7 @@ def failures(found: Iterable[Outcome]) -> list[Outcome]:
 
 
 UNKNOWN = "unknown"
-"""Robot or day of an item that nobody stated."""
+"""Robot or day of an item without a statement."""
 SAFE = " !#$&'()+,;@[]^`{}~"
 PARTS = ("name", "robot", "day")
 LARGEST_TABLE, LARGEST_HEADER = 1 << 28, 1 << 16
@@ -141,7 +141,7 @@ LARGEST_TABLE, LARGEST_HEADER = 1 << 28, 1 << 16
 
 @dataclass(frozen=True)
 class Item:
-    """One thing to do: its name, unique within a robot and day, and the options that are its own."""
+    """Item of work: its name, unique within a robot and day, and its own options."""
 
     name: str
     robot: str = UNKNOWN
@@ -155,7 +155,7 @@ class Item:
 
 
 def _as_folder(text: str) -> str:
-    """Return a text as a folder's name: what separates folders, or means another one, is written as %XX."""
+    """Return a text as a folder's name: separators, and names with another meaning, are written as %XX."""
     quoted = quote(text, safe=SAFE)
     return quoted.replace(".", "%2E") if set(text) <= {"."} else quoted
 
@@ -228,7 +228,7 @@ def _item_of(path: Path, given: Path, subject: str, pattern: re.Pattern[str] | N
 
 
 def _pattern(folders: str) -> re.Pattern[str]:
-    """Return what finds robot, day and name at the end of a path."""
+    """Return a pattern for robot, day and name at the end of a path."""
     words = re.split(r"(\{[^{}]*\})", folders.strip("/"))
     names = [word[1:-1] for word in words if word.startswith("{")]
     if not names or set(names) - set(PARTS) or len(set(names)) < len(names):
@@ -356,7 +356,7 @@ class Store:
 
     @contextmanager
     def _reached(self) -> Iterator[None]:
-        """Raise StoreError in one line for whatever the package of a remote place raises."""
+        """Raise StoreError in one line for any error of a remote place's package."""
         try:
             yield
         except Exception as error:
@@ -364,7 +364,7 @@ class Store:
             raise StoreError(message("error.store_out_of_reach", where=self.place, why=why)) from None
 
     def swept(self) -> None:
-        """Remove what workers of this machine that live no more have left unfinished."""
+        """Remove unfinished files of workers of this machine that have ended."""
         host = socket.gethostname()
         for left in () if self.folder is None else (self.folder / PARTS_FOLDER).glob(f"{host}-*-*"):
             pid = left.name.rsplit("-", 2)[1]
@@ -413,7 +413,7 @@ AHEAD = 64
 DEATHS = 2
 """Times that the scheduler may give an item up, after some workers died of it, before it has failed."""
 AWAY_S = 60.0
-"""For which a scheduler may be out of reach."""
+"""Longest time for which a scheduler may be out of reach."""
 NO_WORKER_S = 30.0
 """Within which a scheduler must have a worker."""
 
@@ -463,7 +463,7 @@ def outcomes(
 
 
 def _through(client: Any, work: Callable[[Task], Done], left: dict[str, Task]) -> Iterator[tuple[str, "Done | LostError"]]:
-    """Do what is left by one connection; ConnectionError when it is lost."""
+    """Do the remaining work by one connection; ConnectionError if it is lost."""
     distributed: Any = import_module("distributed")
     try:
         client.wait_for_workers(1, timeout=NO_WORKER_S)

@@ -64,7 +64,7 @@ def cluster_client(scheduler: str) -> Iterator[Any]:
 
 
 def in_order(scheduler: str, work: Callable[[Task], Done], tasks: Iterable[Task]) -> Iterator[Done]:
-    """Yield what came of tasks in their order; a few more than there are processors are on their way at once.
+    """Yield the results of tasks in their order; a few more than processors run at once.
 
     Doing a task twice must do no harm: a worker may die after it. LMeasureError as `cluster_client`, and if the scheduler is lost.
     """

@@ -33,12 +33,12 @@ TO_DO = {
     **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), "no_permission"),
     errno.EFBIG: "large",
 }
-"""Ends of the ids of what a person does about a file that cannot be written (`os.remedy.full`)."""
+"""Ends of the ids of remedies for a file that cannot be written (`os.remedy.full`)."""
 _becomes: dict[Path, Path] = {}  # temporary names, and what they become
 
 
 def not_written(path: Path, error: OSError, cannot: str = "error.cannot_be_written_2", **values: Any) -> str:
-    """Return that a file could not be written, why, and what to do about it."""
+    """Return a message with the file that could not be written, the reason and the remedy."""
     said, remedy = message(cannot, where=path, error=os_reason(error), **values), TO_DO.get(error.errno or 0)
     return joined([said, message(f"os.remedy.{remedy}")]) if remedy else said
 
@@ -75,7 +75,7 @@ def whole(path: Path) -> Iterator[Path]:
 
 
 class Abandoned(NamedTuple):
-    """An unfinished file or folder whose process is gone: its path, the name that it was to get, and what it is: part or old."""
+    """An unfinished file or folder whose process is gone: its path, its final name, and its kind: part or old."""
 
     path: Path
     name: str
@@ -86,7 +86,7 @@ _ABANDONED = re.compile(r"\.(.+)\.(\d+)\.(part|old)(\..*)?")
 
 
 def abandoned(folder: Path) -> list[Abandoned]:
-    """Return what killed processes have left in a folder under temporary names, `.NAME.PROCESS.part` and `.NAME.PROCESS.old`."""
+    """Return the files of killed processes in a folder under temporary names, `.NAME.PROCESS.part` and `.NAME.PROCESS.old`."""
     try:
         found = [(path, _ABANDONED.fullmatch(path.name)) for path in sorted(folder.iterdir())]
     except OSError:
@@ -187,7 +187,7 @@ def read_toml(path: Path) -> Document:
 
 
 def _likely(text: str, error: Exception) -> str:
-    """Return what people write on the line that an error of TOML names."""
+    """Return the likely content of the line that an error of TOML names."""
     found = re.search(r"\(at line (\d+),", str(error))
     line = text.splitlines()[int(found[1]) - 1] if found and int(found[1]) <= len(text.splitlines()) else ""
     comma = re.search(r"=\s*([-+]?\d+),(\d+)\s*(#.*)?$", line)
@@ -202,7 +202,7 @@ def write_toml(path: Path, data: Mapping[str, Any]) -> None:
 
 
 def rewrite_toml(path: Path, document: Document) -> None:
-    """Write a document's content in its text as it was read, comments and order kept, only what is different changed."""
+    """Write a document's content into its text, with comments and order kept and only differences changed."""
     import tomlkit
     from tomlkit.exceptions import TOMLKitError
 

@@ -1,7 +1,7 @@
-"""Checked tables: models that refuse unknown keys, and everything that is wrong with a file, a line each, with where it stands.
+"""Checked tables: models that refuse unknown keys, and every fault of a file in a line with its place.
 
-The file has been read as a whole before. Each of its statements is then read alone, by tomllib again: it is the fewest lines that are TOML,
-and what it gives says which key or table it is. No grammar is needed for that.
+The file has been read as a whole before. Each of its statements is then read alone, again by tomllib: it is the fewest lines that are TOML,
+and its content shows its key or table. This needs no grammar.
 """
 
 import difflib
@@ -31,7 +31,7 @@ MOST_BITS = 1000
 
 
 def loads(text: str) -> dict[str, Any]:
-    """Return the content of a TOML text; ValueError, or RecursionError, for what is none, and for a key of more than a hundred parts."""
+    """Return the content of a TOML text; ValueError, or RecursionError, for other texts, and for a key of more than a hundred parts."""
     if found := _DEEP.search(text):
         raise ValueError(f"a key has more than a hundred parts (at line {text.count(chr(10), 0, found.start()) + 1}, column 1)")
     content = tomllib.loads(text)
@@ -166,7 +166,7 @@ _UNITS = ("_m", "_cm", "_um", "_inch", "_in", "_rad", "_deg", "_mm", "_m_s")
 _OWN_WORDS = frozenset(("schema_", "from_point", "to_point", "from_pose", "to_pose", "passage", "passes", "[key]"))
 """Names in models for keys that are words of Python, and pydantic's mark of a key of a table that is wrong itself."""
 _NAMED_BY = ("name", "channel", "point", "pose", "characteristic", "from")
-"""Keys by which a person knows one of several tables."""
+"""Keys by which a user knows one of several tables."""
 MOST = 20
 """Complaints about one file that are reported."""
 
@@ -194,7 +194,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class ContradictionError(ValueError):
-    """Findings of a validator of a whole table: (keys that lead to it from that table, what is wrong with it), several at once."""
+    """Findings of a validator of a whole table: (keys that lead there from that table, the fault), several at once."""
 
     def __init__(self, found: Iterable[tuple[Keys, str]]) -> None:
         self.found = tuple(found)
@@ -202,7 +202,7 @@ class ContradictionError(ValueError):
 
 
 def of_key(key: str, text: str) -> ContradictionError:
-    """Return what a validator of a whole table finds wrong with one key of it."""
+    """Return a validator's finding for one key of a whole table."""
     return ContradictionError([((key,), text)])
 
 
@@ -221,9 +221,9 @@ def checked(
     *,
     also: Callable[[Mapping[str, Any]], Iterable[tuple[Keys, str]]] = lambda data: (),
 ) -> Model:
-    """The model of a file's content. The error has a line for everything that is wrong: source (the file) and, where data is what
-    `io.files.read_toml` gave, its line there; table, key, what the value must be and what it is. also: what can be determined of data
-    that the model does not take, for what its own validators of the whole look at only when every part is right."""
+    """Return the model of a file's content. The error has a line for every fault: source (the file) and, if data come from
+    `io.files.read_toml`, the line there; table, key, the required and the present value. also: faults of data that the model does not take,
+    which its own validators of the whole check only if every part is right."""
     try:
         return model.model_validate(data, by_alias=True, by_name=False)
     except ValidationError as found:
@@ -232,7 +232,7 @@ def checked(
 
 
 def _of_another_kind(found: Iterable[tuple[Keys, str]], data: Mapping[str, Any]) -> list[tuple[Keys, str]]:
-    """The complaint about the schema alone where it says that this is another kind of file: all others follow from that."""
+    """Return the complaint about the schema alone if the file is of another kind: all others follow from that."""
     stated = data.get("schema")
     return [one for one in found if one[0] == ("schema",)] if isinstance(stated, str) and stated.startswith("lmeasure.") else []
 
@@ -240,7 +240,7 @@ def _of_another_kind(found: Iterable[tuple[Keys, str]], data: Mapping[str, Any])
 def reported(
     source: str, data: Any, found: Iterable[tuple[Keys, str]], error: Callable[[str], LMeasureError] = FileFormatError
 ) -> LMeasureError:
-    """The error of complaints (keys that lead there, what is wrong), in the order of the file's lines."""
+    """Return the error of complaints (keys that lead there, fault), in the order of the file's lines."""
     line_of = data.line if isinstance(data, Document) else lambda keys: None
     placed = sorted(((line_of(keys) or 0, shown_path(keys, data), text) for keys, text in found), key=_by_line)
     return gathered(source, [_placed(source, *one) for one in dict.fromkeys(placed)], error)
@@ -264,7 +264,7 @@ def gathered(source: str, lines: Sequence[str], error: Callable[[str], LMeasureE
 
 
 def complaints(error: ValidationError, data: Any, root: type[BaseModel]) -> list[tuple[Keys, str]]:
-    """Return what pydantic complains of, as (keys as the file writes them, what is wrong there)."""
+    """Return pydantic's complaints as (keys in the file's form, fault)."""
     out: list[tuple[Keys, str]] = []
     hinted: set[Keys] = set()
     seen: set[Keys] = set()

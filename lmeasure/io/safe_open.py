@@ -1,4 +1,4 @@
-"""Opening what is to be read: regular files only, and none larger than makes sense; .zip files whose every entry is such a file."""
+"""Safe opening of inputs: regular files only, of a sensible size, and .zip files whose every entry is such a file."""
 
 import errno
 import hashlib
@@ -20,11 +20,11 @@ from lmeasure.core import FileFormatError, LMeasureError
 from lmeasure.text import composed, message
 
 LARGEST_BYTES = 1 << 33
-"""Of a file that is read as a whole: more than an hour of counts, less than any memory it is read on could bear."""
+"""Largest file read as a whole: more than an hour of counts, less than the memory of any machine for it."""
 
 MOST_ENTRIES = 10_000
 DIRECTORY_BYTES = 1 << 22
-"""Of the list of a .zip's entries, which is read as a whole before anything is known of it."""
+"""Largest directory of a .zip, which is read as a whole before anything else."""
 LARGEST_NAME = 255
 """Bytes of the name of a file or folder, on most systems."""
 LOCAL_HEADER = 30  # bytes before the name of an entry
@@ -53,7 +53,7 @@ def os_reason(error: OSError) -> str:
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """The file opened for reading bytes. FileFormatError for what is none: a pipe would be waited for, a device never ends."""
+    """Return the file opened for reading bytes. FileFormatError for other kinds: a pipe would block, a device never ends."""
     path = Path(path)
     try:
         # a pipe without a writer would hold up the opening itself
@@ -72,7 +72,7 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def no_folder(path: Path, holds: str) -> str:
-    """Return what to say behind that a path is no folder of a kind: it is not there, or a file of one that holds such a file, or something
+    """Return the rest of the message that a path is no folder of a kind: it does not exist, or is a file of such a folder, or something
     else."""
     if not path.exists():
         return message("os.no_folder")
@@ -131,8 +131,8 @@ class _Bounded:
 def open_zip(path: Path, most: int = LARGEST_BYTES) -> Iterator[zipfile.ZipFile]:
     """Yield the archive of a .zip whose entries are regular files and folders, inside it, each under a name of its own.
 
-    FileFormatError, in one line, for any other .zip, for one of more than MOST_ENTRIES entries or `most` bytes in all, and for whatever
-    the archive turns out to be in the block: encrypted, compressed in another way than by deflation, garbled.
+    FileFormatError, in one line, for any other .zip, for one of more than MOST_ENTRIES entries or `most` bytes in all, and for archives
+    found in the block to be encrypted, compressed by another method than deflation, or garbled.
     """
     try:
         with open_regular(path) as file, zipfile.ZipFile(cast(IO[bytes], _Bounded(file))) as archive:
@@ -185,7 +185,7 @@ def _check_entries(archive: zipfile.ZipFile, most: int) -> None:
 
 
 def _wrong(entry: zipfile.ZipInfo) -> str | None:
-    """Return what keeps an entry from being a file, or a folder, inside the archive; None where nothing does."""
+    """Return the reason why an entry is no file or folder inside the archive; None without one."""
     parts = entry.filename.removesuffix("/").split("/")
     if any(part in ("", ".", "..") or _NO_NAME.search(part) or len(part.encode("utf-8", "replace")) > LARGEST_NAME for part in parts):
         return message("zip.no_name")
@@ -203,5 +203,5 @@ def _wrong(entry: zipfile.ZipInfo) -> str | None:
 
 
 def _alike(path: PurePosixPath) -> str:
-    """Return what a path is to a system that knows no capitals."""
+    """Return a path in the form of a system without capitals."""
     return unicodedata.normalize("NFC", str(path)).casefold()

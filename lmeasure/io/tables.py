@@ -23,7 +23,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 _Fault = tuple[int, str, str]
-"""Row from 0, column, what is wrong there."""
+"""Row from 0, column, and fault."""
 ENOUGH = 1000
 """Faults of a kind in a column that are looked for: far more than are reported."""
 
@@ -77,7 +77,7 @@ class Table:
         return int(self._data.num_rows)
 
     def kept(self, key: str) -> str:
-        """Return what a Parquet file keeps beside its columns by a key; empty where it keeps nothing."""
+        """Return the metadata of a Parquet file for a key; empty without any."""
         return str((self._data.schema.metadata or {}).get(key.encode(), b"").decode())
 
     def behind(self, rows: int) -> "Table":
@@ -104,8 +104,8 @@ class Table:
 
     @contextmanager
     def every_fault(self, numbers: Sequence[str], gaps: Sequence[str] = ()) -> Iterator[None]:
-        """Around what reads these columns, as far as they are there: where it ends in a FileFormatError, this one has a line for each of
-        their cells that is no number, or, but for those of gaps, empty."""
+        """Extend a FileFormatError of the block by a line for each cell of these columns that is no number, or empty, except those of
+        gaps."""
         try:
             yield
         except FileFormatError:
@@ -123,7 +123,7 @@ class Table:
             raise gathered(str(self.path), lines)
 
     def _read(self, name: str, gaps: bool) -> tuple[FloatArray, list[_Fault]]:
-        """(n,) values, and what is wrong with cells, of each kind not many more than are reported."""
+        """Return (n,) values and the faults of cells, of each kind not many more than are reported."""
         column = self._column(name)
         faults: list[_Fault] = []
         try:
@@ -195,11 +195,9 @@ class Table:
 
 
 def decoded_bytes(path: Path, only: Sequence[str] | None = None) -> int:
-    """Return the bytes that the numbers of a .parquet file, and the texts of all or some columns, take in memory; FileFormatError for any
-    other file.
+    """Return the bytes in memory of a .parquet file's numbers, and of the texts of all or some columns; FileFormatError for any other file.
 
-    A few bytes of such a file may stand for millions of equal values. Numbers are counted by what the file says of itself, texts by their
-    own lengths.
+    A few bytes of such a file may contain millions of equal values. Numbers are counted by the file's own metadata, texts by their lengths.
     """
     path = Path(path)
     try:
@@ -219,7 +217,7 @@ def decoded_bytes(path: Path, only: Sequence[str] | None = None) -> int:
 
 
 def _stated_bytes(path: Path, file: Any) -> tuple[int, list[str]]:
-    """Return what the values of a .parquet file take in memory, as it says itself, but for texts, and the columns of those."""
+    """Return the bytes in memory of a .parquet file's values by its own metadata, without texts, and the columns of texts."""
     groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
     chunks = [group.column(i) for group in groups for i in range(group.num_columns)]
     bound, texts = sum(8 * chunk.num_values + chunk.total_uncompressed_size for chunk in chunks), []
@@ -254,11 +252,11 @@ def _text_bytes(column: pa.Array) -> int:
 
 
 def read_table(path: Path, *, torn: bool = False, only: Sequence[str] | None = None) -> Table:
-    """Read .csv (header line, empty cells are gaps; commas, or semicolons or tabs as a spreadsheet writes that has decimal commas) or
-    .parquet. FileFormatError names the file and what is wrong with it.
+    """Read .csv (header line, empty cells are gaps; commas, or semicolons or tabs with a spreadsheet's decimal commas) or .parquet.
+    FileFormatError names the file and its fault.
 
-    torn: a recording that broke off; its last line counts only when it is whole. only: columns that are wanted; others of a .parquet are
-    not read.
+    torn: a recording that broke off; its last line counts only if it is whole. only: columns that are wanted; others of a .parquet are not
+    read.
     """
     path = Path(path)
     raw = read_regular(path)
@@ -303,7 +301,7 @@ def read_table(path: Path, *, torn: bool = False, only: Sequence[str] | None = N
 
 
 def _separator(raw: bytes) -> str:
-    """Return what stands between the columns, by the header."""
+    """Return the separator of the columns, by the header."""
     head = raw.lstrip().partition(b"\n")[0]
     return next((mark for mark in (",", ";", "\t") if mark.encode() in head), ",")
 
@@ -334,12 +332,11 @@ EXACT = 2**53
 
 
 def read_table_in_pieces(path: Path, first: int = 0) -> Iterator[tuple[Table, float]]:
-    """`read_table` of numbers, one piece after the other with the part of the file that is done; only a few pieces are in memory.
+    """Yield `read_table` of numbers, one piece after the other with the finished part of the file; only a few pieces are in memory.
 
     first: of a .parquet file, the row to begin at: a multiple of `PIECE_ROWS`, for the pieces to be those of the whole file.
 
-    What the fast reader of pieces does not take - text, blanks around numbers, a broken file - is left to `read_table`, which takes it
-    or says what is wrong with it.
+    The fast reader of pieces leaves text, blanks around numbers and broken files to `read_table`, which reads them or names the fault.
     """
     path = Path(path)
     rows = first

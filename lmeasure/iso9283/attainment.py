@@ -52,8 +52,7 @@ def in_program_frame(trajectory: Trajectory, path: Path) -> Trajectory:
 
 
 def follows(parts: Mapping[Subject, Part]) -> Moving:
-    """What the frame that is fitted to the poses takes of the errors of all parts: the small displacement that the errors of the poses'
-    means make it move by."""
+    """Return the motion of the fitted frame by the errors of all parts: the small displacement by errors of the poses' means."""
     places = {key: part.positions for key, part in parts.items()}
     fitted = [key for key in parts if key.kind == "pose"]
     inverse = np.linalg.pinv(np.concatenate([se3.at_points(places[k].mean(axis=0))[3:] for k in fitted]))
@@ -67,20 +66,20 @@ def follows(parts: Mapping[Subject, Part]) -> Moving:
 
 
 STILL_MM = 0.2
-"""Largest motion within a window of a pose, where nobody states another."""
+"""Largest motion within a window of a pose, by default."""
 ELSEWHERE = 3.0
 """Times as far from the commanded pose as from another one of the program: the robot is at that one."""
 LARGEST_MISS = 0.05
-"""Of a program's size: farther off is not a robot that misses poses."""
+"""Largest distance, as a part of a program's size, of a robot that misses poses; beyond it is another fault."""
 
 Convention = tuple[str | None, tuple[Message, ...]]
-"""In which component-wise angles are given, None where they tell nothing, and what is to be said of it."""
+"""Convention of component-wise angles, None if angles are not meaningful, and remarks."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Attainment:
-    """Poses and paths by their names, those with windows alone; angles: convention of component-wise angles, stated: whether it was asked
-    for. stamps: those of the trajectory as recorded, which has its samples at their times otherwise."""
+    """Poses and paths by their names, those with windows alone; angles: convention of component-wise angles, stated: whether you chose it.
+    stamps: recorded times of the trajectory, if its samples have corrected times."""
 
     trajectory: Trajectory
     program: Program
@@ -120,8 +119,8 @@ class Attainment:
 def attained(
     trajectory: Trajectory, program: Program, settings: CertificationSettings, stamps: Stamps, *, rig_angles: str | None
 ) -> Attainment:
-    """What a trajectory holds of a program, rig_angles: the rig's convention of angles, where nobody asks for another. CertificationError
-    names the window and the sample where a pose or path cannot be determined."""
+    """Return the attained poses and paths of a program. rig_angles: the rig's convention of angles, used by default. CertificationError
+    names the window and the sample of a pose or path that cannot be determined."""
     stated = settings.angles or program.angles
     angles = stated or rig_angles or conventions.DEFAULT
     conventions.convention(angles)
@@ -170,8 +169,8 @@ def _poses(trajectory: Trajectory, program: Program, frame: Frame, still_mm: flo
 
 
 def _check_order(poses: Sequence[AttainedPose], program: Program, still_mm: float) -> None:
-    """CertificationError when a dwell is at another pose of the program than its window says; of poses that lie about as near to each other
-    as the robot comes to them nobody can tell, and one that is beside its poses as a whole runs in order."""
+    """Raise CertificationError if a dwell is at another pose of the program than its window's. Poses about as near to each other as the
+    robot's errors cannot be distinguished, and a robot that misses its poses as a whole runs in order."""
     if not poses:
         return
     commanded = np.array([p.position_mm for p in program.pose])
@@ -204,7 +203,7 @@ def _check_order(poses: Sequence[AttainedPose], program: Program, still_mm: floa
 
 
 def _besides_a_frame(poses: Sequence[AttainedPose]) -> float:
-    """By how much the poses miss their own commanded ones in a frame that is fitted to them [mm], infinite where they fix none."""
+    """Return the distance [mm] of the poses from their own commanded ones in a frame fitted to them, infinite if they fix none."""
     try:
         frame = fit_frame(poses)
     except CertificationError:

@@ -1,13 +1,13 @@
-"""A characteristic of a robot: its value, how well it is known, and what may be said of it.
+"""A characteristic of a robot: its value, uncertainty and verdict.
 
 Written to certificate.json as
 
     {"schema": "lmeasure.certificate/1",
      "characteristics": [{"name": "AP_p", "pose": "P1", "value": .., "unit": "mm", "u95": .., "capable": true, ...}, ...]}
 
-one table per characteristic, as `Characteristic.as_dict` gives it: keys that do not apply are left out (a path's characteristic has `path`
-and no `pose`), `value`, `u95` and `capable` are always there, the last two null where nobody states how uncertain the
-measurement is. Deviations of speed (AV, RV) are in percent.
+one table per characteristic, as `Characteristic.as_dict` gives it: keys that do not apply are omitted (a path's characteristic has `path`
+and no `pose`), `value`, `u95` and `capable` are always there, the last two null without a stated uncertainty of the measurement. Deviations
+of speed (AV, RV) are in percent.
 """
 
 import math
@@ -23,7 +23,7 @@ Rule = Literal["simple", "guarded"]
 
 
 class CharacteristicKey(NamedTuple):
-    """Which characteristic of a certificate: its name, the pose or the path it is of, and the part of that."""
+    """Key of a characteristic in a certificate: its name, its pose or path, and the part of that."""
 
     name: str
     pose: str | None = None
@@ -46,11 +46,11 @@ def key_of(figure: Mapping[str, Any]) -> CharacteristicKey:
 
 @dataclass(frozen=True)
 class Conformity:
-    """A characteristic held against a stated tolerance (JCGM 106).
+    """A characteristic compared with a stated tolerance (JCGM 106).
 
-    lower, upper: tolerance limits in the characteristic's unit, None where there is none; rule: simple acceptance (the value decides) or
-    guarded acceptance (the value decides with U95 as guard band on both sides, between them nothing is decided); verdict; probability:
-    that the characteristic lies within the limits, by a normal law of standard deviation U95 / 1.96 about the value.
+    lower, upper: tolerance limits in the characteristic's unit, None without one; rule: simple acceptance (the value decides) or guarded
+    acceptance (the value decides with U95 as guard band on both sides; between them there is no decision); verdict; probability of a
+    characteristic within the limits, by a normal law of standard deviation U95 / 1.96 about the value.
     """
 
     lower: float | None
@@ -66,12 +66,12 @@ INFINITE = 1e4
 
 @dataclass(frozen=True)
 class Contribution:
-    """A row of a result's budget (JCGM 100, 8.1; EA-4/02, 4.10): an input quantity whose estimate is zero, for what is known of it is
+    """A row of a result's budget (JCGM 100, 8.1; EA-4/02, 4.10): an input quantity whose estimate is zero, since known errors are
     corrected.
 
-    source: its name; contribution: standard uncertainty that it gives the result, in the result's unit; u: standard uncertainty of the
-    input in a unit, 1 and empty where the source has variables of several sizes; distribution; degrees_of_freedom: of u, None where it is
-    stated; random: whether another run draws it anew.
+    source: its name; contribution: its standard uncertainty in the result, in the result's unit; u: standard uncertainty of the input in a
+    unit, 1 and empty for a source with variables of several sizes; distribution; degrees_of_freedom: of u, None for a stated one; random:
+    whether another run draws it anew.
     """
 
     source: Message | str
@@ -92,21 +92,20 @@ class Contribution:
 
 @dataclass(frozen=True)
 class Characteristic:
-    """One figure of a certificate.
+    """One result of a certificate.
 
     name: as ISO 9283:1998 writes it, _ for a subscript: AP_p; each module of `clauses` states its own. `_rot` marks rotation as a whole (an
-    extension). pose, path: what of the program it belongs to; a distance or a posing has the pose "P2-P4". part: what of that, such as
-    "corner 2". clause: of ISO 9283:1998. value, unit; u95: half of the interval about the value that holds the characteristic of the true
-    poses of these cycles with 95 %. u_random, u_systematic: standard uncertainties by the linear law from the counts (their rounding, which
-    is another from dwell to dwell, and where within a count they were zeroed: both drawn anew in another run) and from the rest, as the
-    calibration (shared by the run, and by others of that calibration); coverage_factor: u95 over their root sum of squares, None where that
-    is zero. cycles: how many it is made of. capable: whether u95 is small enough to say the value; limit_u95: how small that is, in the
-    unit. capable_alone: of a signed component, which has the verdict of its vector or of a tolerance, whether it is small enough beside the
-    component itself; None of others. conformity: None unless a tolerance is stated. angles: convention of a component-wise angle.
-    extension: not in the standard. excluded: why no verdict is given though there is a value (outside the instrument's zone); capable is
-    then false. stated: False where nobody states how uncertain the measurement is: u95 is then NaN, there is no verdict, and files have
-    null. budget: rows of its standard uncertainty; bias: mean of its error and u_drawn: standard deviation of it by Monte Carlo, which hold
-    what the linear law leaves out; both None where it has no linear law.
+    extension). pose, path: its part of the program; a distance or a posing has the pose "P2-P4". part: a part of that, such as "corner 2".
+    clause: of ISO 9283:1998. value, unit; u95: half of the interval about the value that holds the characteristic of the true poses of
+    these cycles with 95 %. u_random, u_systematic: standard uncertainties by the linear law from the counts (their rounding, new in each
+    dwell, and their sub-count offset at zeroing: both drawn anew in another run) and from the rest, such as the calibration (shared by the
+    run, and by others of that calibration); coverage_factor: u95 over their root sum of squares, None if that is zero. cycles: their
+    number. capable: whether u95 is small enough for a verdict; limit_u95: that limit, in the unit. capable_alone: for a signed component,
+    which has the verdict of its vector or of a tolerance: whether u95 is small enough beside the component itself; None for others.
+    conformity: None unless a tolerance is stated. angles: convention of a component-wise angle. extension: not in the standard. excluded:
+    reason for a value without a verdict (outside the instrument's zone); capable is then false. stated: False for a measurement of unstated
+    uncertainty: u95 is then NaN, there is no verdict, and files have null. budget: rows of its standard uncertainty; bias: mean of its
+    error and u_drawn: standard deviation of it by Monte Carlo, which contain the nonlinear part; both None without a linear law.
     """
 
     name: str
@@ -136,7 +135,6 @@ class Characteristic:
 
     @property
     def key(self) -> CharacteristicKey:
-        """Which characteristic it is."""
         return CharacteristicKey(self.name, self.pose, self.path, self.part)
 
     @property
@@ -160,7 +158,7 @@ class Characteristic:
         return whole / known if whole < INFINITE * known else None
 
     def unstated(self) -> "Characteristic":
-        """The same of a measurement whose uncertainty nobody states: the value alone."""
+        """Return it for a measurement of unstated uncertainty: the value alone."""
         return replace(
             self, u95=math.nan, capable=False, capable_alone=None, u_random=None, u_systematic=None, coverage_factor=None, limit_u95=None,
             conformity=None, stated=False, budget=(), bias=None, u_drawn=None,
@@ -218,7 +216,7 @@ class CertificationSettings:
 
     @property
     def quarters(self) -> bool:
-        """Whether planes stand at the quarters of lines, between which velocities are taken (8.6.1)."""
+        """Return whether planes are at the quarters of lines, between which velocities are taken (8.6.1)."""
         return self.planes % 4 == 2
 
     def __post_init__(self) -> None:

@@ -1,9 +1,8 @@
 """Test of ISO 9283 for the evaluation: a subject of the program with everything that belongs to its test.
 
-A test module holds one class, a function from what was attained to its tests, and its `Clause`, which states what is known of its
-quantities before they are measured. Most figures are functions of the states of parts, whose errors are drawn for all tests together
-(`uncertainty.propagate`); others are read from the motion itself (`readings`) and bring their own uncertainty. Nothing depends on the order
-in which tests are asked.
+A test module contains one class, a function from the attained parts to its tests, and its `Clause`, the prior facts of its quantities. Most
+figures are functions of the states of parts, whose errors are drawn for all tests together (`uncertainty.propagate`); others are read from
+the motion itself (`readings`) and bring their own uncertainty. Nothing depends on the order of tests.
 """
 
 import math
@@ -24,11 +23,11 @@ from lmeasure.text import Message
 from lmeasure.trajectory import PoseErrors
 
 SampleErrors = Callable[[IntArray], PoseErrors]
-"""Errors of what is certified at samples (n,), by one law."""
+"""Errors of the certified point at samples (n,), by one law."""
 
 
 class Read(NamedTuple):
-    """Characteristics read from a motion, and what is to be said of those that cannot be."""
+    """Characteristics read from a motion, and the reasons for those that cannot be."""
 
     characteristics: Sequence[Characteristic] = ()
     findings: Sequence[Message] = ()
@@ -36,11 +35,11 @@ class Read(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class IsoTest:
-    """A test; what it leaves as it is here it does not have.
+    """A test; a default here means that it has no such part.
 
-    subject: what of the program it is of; tests of one subject stand together. windows: when it was measured, for a test that may be
-    excluded for what was met there: angle_deg, the worst pressure angle, and the errors of `excludable`. needs: what may exclude the
-    figures that it reads. findings: how its figures are given.
+    subject: its part of the program; tests of one subject are listed together. windows: times of measurement, for a test that may be
+    excluded by angle_deg, the worst pressure angle there, or by the errors of `excludable`. needs: conditions that may exclude the figures
+    that it reads. findings: the form of its figures.
     """
 
     subject: Subject
@@ -54,11 +53,11 @@ class IsoTest:
         return np.empty(0, dtype=np.int64)
 
     def parts(self, errors: SampleErrors) -> dict[Subject, Part]:
-        """Return what its figures are functions of, with errors by one law."""
+        """Return the parts of which its figures are functions, with errors by one law."""
         return {}
 
     def excludable(self, errors: SampleErrors) -> PoseErrors | None:
-        """Errors that are held against the zone's radius."""
+        """Return errors that are compared with the zone's radius."""
         part = self.parts(errors).get(self.subject)
         return None if part is None else part.errors
 
@@ -104,7 +103,7 @@ class Quantity:
 
 @dataclass(frozen=True, kw_only=True)
 class Clause:
-    """A test as a whole: what finds it in what was attained, and its quantities."""
+    """A test as a whole: its search in the attained parts, and its quantities."""
 
     tests: Callable[[Attainment], Iterable[IsoTest]]
     quantities: tuple[Quantity, ...]

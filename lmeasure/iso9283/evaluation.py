@@ -1,6 +1,6 @@
 """From a trajectory and the program it ran to the characteristics of ISO 9283.
 
-Two kinds of results get no verdict: parts outside the instrument's zone, and parts that hang on counts that may be wrong.
+Two kinds of results get no verdict: parts outside the instrument's zone, and parts that depend on doubtful counts.
 """
 
 import math
@@ -50,9 +50,9 @@ from lmeasure.trajectory import (
 
 
 def conformity(value: float, u95: float, tolerance: Tolerance, rule: Rule) -> Conformity:
-    """A value held against a tolerance, JCGM 106:2012, 8.2 (simple acceptance) and 8.3 (guarded acceptance, guard band U95).
+    """Compare a value with a tolerance, JCGM 106:2012, 8.2 (simple acceptance) and 8.3 (guarded acceptance, guard band U95).
 
-    Guarded: within the limits by U95 it conforms, outside them by U95 it does not, between nothing is decided.
+    Guarded: within the limits by U95 it conforms, outside them by U95 it does not, between them there is no decision.
     """
     rule = tolerance.rule or rule
     lower = -math.inf if tolerance.lower is None else tolerance.lower
@@ -92,7 +92,8 @@ def tolerance_of(c: Characteristic, tolerances: Sequence[Tolerance]) -> Toleranc
 
 
 def undecided(found: Sequence[Characteristic], tolerances: Sequence[Tolerance]) -> Tolerance | None:
-    """The first tolerance that no characteristic is held against, excluded ones counting: its name is another, or one before takes all."""
+    """Return the first tolerance that no characteristic is compared with, excluded ones included: its name is unknown, or an earlier one
+    applies to all."""
     used = {id(tolerance_of(c, tolerances)) for c in found}
     return next((t for t in tolerances if id(t) not in used), None)
 
@@ -105,8 +106,8 @@ def with_verdicts(
     tolerances: Sequence[Tolerance],
     settings: CertificationSettings,
 ) -> tuple[Characteristic, ...]:
-    """All characteristics with their verdicts; vectors: of which vector each component takes its own; signed: names of others that may be
-    zero without being bad."""
+    """Return all characteristics with their verdicts; vectors: the vector of each component; signed: names of others that may be zero
+    without being bad."""
     own = [with_verdict(c, tolerances, settings, signed=c.key in vectors or c.name in signed) for c in found]
     known = {c.key: c for c in own}
     return tuple(with_vector_verdict(c, known[vectors[c.key]], settings.capability) if vectors.get(c.key) in known else c for c in own)
@@ -123,8 +124,8 @@ def with_verdict(c: Characteristic, tolerances: Sequence[Tolerance], settings: C
 
 
 def with_vector_verdict(c: Characteristic, vector: Characteristic, fraction: float) -> Characteristic:
-    """A signed component with the verdict of its vector, unless a tolerance gave it one: near zero it is small beside its own uncertainty
-    whatever the instrument. What may be said of it alone stands beside."""
+    """Return a signed component with the verdict of its vector, unless a tolerance gave it one: near zero it is always small beside its
+    uncertainty. Its verdict alone is stored beside."""
     c = replace(c, capable_alone=c.excluded is None and bool(c.u95 <= limit_of(c.value, None, fraction)))
     if c.conformity is not None or c.excluded is not None:
         return c
@@ -132,17 +133,17 @@ def with_vector_verdict(c: Characteristic, vector: Characteristic, fraction: flo
 
 
 ORDER = ("pose", "path", "compliance", "settling", "posing")
-"""Of the kinds of parts, as certificates list them."""
+"""Order of the kinds of parts in certificates."""
 
 
 class Exclusions(NamedTuple):
-    """Why parts get no verdict, and what could not be held against the zone."""
+    """Reasons why parts get no verdict, and parts that could not be compared with the zone."""
 
     reasons: Mapping[Subject, Message]
     findings: tuple[Message, ...] = ()
 
     def reason(self, needs: Sequence[Subject]) -> Message | None:
-        """Why a figure of these parts gets no verdict."""
+        """Return the reason why a figure of these parts gets no verdict."""
         first = next((s for s in self.reasons if s in needs), None)
         return None if first is None else message("excluded.part", part=first.said, reason=self.reasons[first])
 
@@ -150,8 +151,8 @@ class Exclusions(NamedTuple):
 def exclusions(
     tests: Sequence[IsoTest], trajectory: Trajectory, settings: CertificationSettings, laws: Sequence[SampleErrors]
 ) -> Exclusions:
-    """Of tests with windows, by the worst pressure angle met and the radius that holds 95 % of a position by any of the laws of errors, and
-    by samples that hang on counts suspected lost."""
+    """Return the exclusions of tests with windows, by the worst pressure angle there, the radius that holds 95 % of a position by any of
+    the laws of errors, and samples with counts suspected lost."""
     held = sorted((t for t in tests if t.windows), key=lambda t: ORDER.index(t.subject.kind))
     reasons: dict[Subject, Message] = {}
     findings = []
@@ -201,9 +202,9 @@ class Excluded:
 
 @dataclass(frozen=True)
 class AttainedPath:
-    """Run of a path: commanded (m, 3) points [mm] at arc (m,) [mm], where the planes stand; attained (n, m, 3) crossings
-    [mm] of n cycles, deviation (n, m) their distance from the commanded points, speed (n, m - 1) between the planes [mm/s]; unseen: the
-    first part of the way on which a cycle has no samples, in words."""
+    """Run of a path: commanded (m, 3) points [mm] at the planes' arc (m,) [mm]; attained (n, m, 3) crossings [mm] of n cycles, deviation
+    (n, m) their distance from the commanded points, speed (n, m - 1) between the planes [mm/s]; unseen: the first part of the path without
+    samples in a cycle, in words."""
 
     name: str
     arc_mm: FloatArray
@@ -245,8 +246,8 @@ class Evaluation(Shown):
     notes: tuple[Message | str, ...] = ()
     """Findings for the user."""
     correlation: FloatArray | None = field(default=None, compare=False)
-    """Correlation (n, n) of the errors of the first n characteristics, those with a linear law; None where the errors of poses do not say
-    how they correlate."""
+    """Correlation (n, n) of the errors of the first n characteristics, those with a linear law; None if the errors of poses have no stated
+    correlation."""
 
     def about(self) -> dict[str, str]:
         """Return how many characteristics, of how many the instrument is capable."""
@@ -268,13 +269,13 @@ def evaluate(
     progress: Callable[[int, int], None] | None = None,
     stamps: Stamps | None = None,
 ) -> Evaluation:
-    """The characteristics that the program's poses and paths allow, each with U95 and a verdict.
+    """Evaluate the characteristics that the program's poses and paths allow, each with U95 and a verdict.
 
-    covariances: where the errors of poses come from; by default the run's rig and calibration, or without a run the uncertainties of the
-    trajectory, whose common part is not known and is therefore taken as whatever is worse for each figure. With `ErrorsOfCurve` the
-    trajectory is that of a curve: this is evaluated between the samples too. Parts without windows are looked
-    for in the trajectory's rests. stamps: as judged already, else by the motion
-    itself. CertificationError names the window and sample when a pose or path cannot be determined.
+    covariances: source of the errors of poses; by default the run's rig and calibration, or without a run the uncertainties of the
+    trajectory, whose common part is unknown and is therefore the worse one for each figure. With `ErrorsOfCurve` the trajectory is that of
+    a curve, which is evaluated between the samples too. Parts without windows are searched in the trajectory's rests. stamps: known
+    judgement of the times, else by the motion itself. CertificationError names the window and sample of a pose or path that cannot be
+    determined.
     """
     settings = settings or CertificationSettings()
     _check(trajectory, program, settings)
@@ -345,8 +346,8 @@ def evaluate(
 
 @dataclass(frozen=True)
 class _Law:
-    """Errors of what is certified at all samples (n,) that tests ask for, by one law, and what they hold; together: those of a curve, at
-    samples that belong together."""
+    """Errors of the certified point at all samples (n,) of the tests, by one law, with their structure; together: those of a curve, at
+    joint samples."""
 
     samples: IntArray
     errors: PoseErrors
@@ -355,7 +356,7 @@ class _Law:
 
     @classmethod
     def of(cls, model: ErrorModel, trajectory: Trajectory, samples: IntArray, frame: Frame) -> "_Law":
-        """At the point and in the frame that are certified."""
+        """Return the errors at the certified point and in the certified frame."""
 
         def at(some: IntArray) -> tuple[PoseErrors, Message | str]:
             errors, covers = model.at(trajectory, some)
@@ -379,7 +380,7 @@ def _drawn(
     *,
     progress: Callable[[int, int], None] | None,
 ) -> tuple[list[float], list[list[Spread]]]:
-    """The values of figures, and what is known of their errors by each law."""
+    """Return the values of figures, and their errors by each law."""
     values, spreads = [], []
     for i, law in enumerate(laws):
         parts = {key: part for test in tests for key, part in test.parts(law).items()}
@@ -407,8 +408,8 @@ def _correlation(spreads: Sequence[Spread]) -> FloatArray:
 
 
 def _unstated(trajectory: Trajectory, settings: CertificationSettings) -> tuple[str, ...]:
-    """What of a trajectory from elsewhere has no stated uncertainty and what that leaves without a verdict: "position" everything, "deg"
-    figures in that unit."""
+    """Return the parts of a foreign trajectory without a stated uncertainty; "position" leaves all results without a verdict, "deg" those
+    in that unit."""
     moves = any(settings.tool_offset_mm) or settings.align
     if "position" in trajectory.absent or ("rotation" in trajectory.absent and moves):
         return ("position",)
@@ -416,7 +417,7 @@ def _unstated(trajectory: Trajectory, settings: CertificationSettings) -> tuple[
 
 
 def _check(trajectory: Trajectory, program: Program, settings: CertificationSettings) -> None:
-    """What no figure can be determined from."""
+    """Raise an error for inputs that determine no figure."""
     if not (program.pose or program.path):
         raise CertificationError(message("error.the_program_has_neither"))
     back = np.flatnonzero(~(np.diff(trajectory.time_s) > 0.0))

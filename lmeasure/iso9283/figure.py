@@ -1,9 +1,9 @@
-"""Figures: what is certified of which part of a program, as functions of the parts' states.
+"""Figures: the certified results of a program's parts, as functions of the parts' states.
 
-Errors of single crossings scatter from plane to plane; a robot's deviations go on over several. Among cosines along the path the errors
-of crossings have the same power at every frequency, systematic ones the lowest alone, and a robot's power falls with frequency. What is
-observed less what the errors add is therefore averaged, by isotonic regression, to a power that falls (Barlow et al., Statistical Inference
-under Order Restrictions, 1972), and every wave made as large as that: the estimate of an unknown spectrum under known noise.
+Errors of single crossings scatter from plane to plane; a robot's deviations extend over several. Among cosines along the path the errors of
+crossings have the same power at every frequency, systematic ones the lowest alone, and a robot's power falls with frequency. The observed
+power minus that of errors is therefore averaged, by isotonic regression, to a falling power (Barlow et al., Statistical Inference under
+Order Restrictions, 1972), and every wave made as large as that: the estimate of an unknown spectrum under known noise.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +32,7 @@ class Subject(NamedTuple):
 
     @property
     def said(self) -> Message:
-        """In words: pose P1."""
+        """Return it in words: pose P1."""
         return message(f"subject.{self.kind}", name=self.name)
 
 
@@ -49,9 +49,9 @@ class OfInstants(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """A characteristic yet without its value: function of the states of subjects. needs: what may exclude it; vector: the figure whose
-    verdict a component takes; instants: what the instants of samples add to it, by its value, where its states do not hold that; between:
-    how far it may be off by what lies between samples; extreme: it is the largest or the least of a path, which errors make larger."""
+    """A characteristic without a value yet: function of the states of subjects. needs: possible exclusions; vector: the figure whose
+    verdict a component takes; instants: the effect of errors of the samples' times, by its value, if its states do not contain it; between:
+    possible error between samples; extreme: it is the largest or the least of a path, which errors increase."""
 
     key: CharacteristicKey
     clause: str
@@ -102,7 +102,7 @@ def component(of: Function, *index: int) -> Function:
 PLAIN = "fanuc-wpr"
 """Turns about the fixed X, Y and Z: the standard's a, b, c, where a controller's own angles are singular."""
 SINGULAR_DEG_PER_DEG = 10.0
-"""A turn of a degree that moves an angle by more than as many degrees: the angles are near a singular orientation and tell nothing."""
+"""Rate from which angles are near a singular orientation and mean nothing: a turn of one degree moves an angle by as many degrees."""
 
 
 def angles_deg(name: str, rotation: Rotation) -> FloatArray:
@@ -122,14 +122,14 @@ def angle_rates(name: str, rotation: Rotation) -> FloatArray:
 
 
 def singular(name: str, rotation: Rotation) -> bool:
-    """Whether the angles tell nothing at one of the rotations."""
+    """Return whether the angles mean nothing at one of the rotations."""
     rates = np.radians(angle_rates(name, rotation))
     return bool(np.linalg.norm(rates, axis=(-2, -1)).max() > SINGULAR_DEG_PER_DEG)
 
 
 def convention_at(angles: str, rotation: Rotation, part: object, *, stated: bool) -> tuple[str | None, tuple[Message, ...]]:
-    """The convention in which angles at these rotations tell something, None where there is none, and what is to be said of it. stated:
-    angles were asked for, and are not replaced by others."""
+    """Return a convention whose angles are meaningful at these rotations, None without one, and remarks. stated: a chosen convention is not
+    replaced."""
     if not singular(angles, rotation):
         return angles, ()
     if stated or singular(PLAIN, rotation):
@@ -142,8 +142,8 @@ KNOWN = 1e-9
 
 
 def cosines(stretch: IntArray) -> FloatArray:
-    """(q, q) orthonormal rows by rising frequency: cosines along each stretch of a path between corners, where deviations may jump;
-    stretch (q,): number of that in which each place stands."""
+    """Return (q, q) orthonormal rows by rising frequency: cosines along each stretch of a path between corners, where deviations may jump;
+    stretch (q,): index of each place's stretch."""
     sizes = np.unique(stretch, return_counts=True)[1]
     rows = scipy.linalg.block_diag(*(scipy.fft.dct(np.eye(k), axis=0, norm="ortho") for k in sizes))
     frequency = np.concatenate([np.arange(k) / k for k in sizes])
@@ -151,11 +151,11 @@ def cosines(stretch: IntArray) -> FloatArray:
 
 
 def reduced(waves: FloatArray, added: FloatArray, freedom: int, doubt: float) -> FloatArray:
-    """Waves (q, r, c) by rising frequency, of r cycles with that many degrees of freedom, reduced to the power that they have without what
-    errors have added (q, c).
+    """Return waves (q, r, c) by rising frequency, of r cycles with that many degrees of freedom, reduced to their power without that of
+    errors (q, c).
 
-    A power of k degrees of freedom is known to sqrt((2 E^2 + 4 E S) / k), E of the errors, S without them: it is taken smaller by doubt
-    times as much, for the less the robot deviates in truth, the more the errors enlarge figures made of it.
+    A power of k degrees of freedom has the standard uncertainty sqrt((2 E^2 + 4 E S) / k), E of the errors, S without them. It is taken
+    smaller by doubt times that: the less the robot deviates in truth, the more errors enlarge its figures.
     """
     power = (waves**2).sum(axis=1) / freedom
     out = waves.copy()

@@ -182,7 +182,8 @@ def last_arrival(distance: FloatArray, band_mm: float) -> IntArray:
 
 
 def crossing(time_s: FloatArray, distance: FloatArray, i: IntArray, band_mm: float) -> FloatArray:
-    """When (...) [s] the distance, straight between samples i - 1 and i (...), crosses the band; time_s (k,) or (..., k)."""
+    """Return the times (...) [s] at which the distance, straight between samples i - 1 and i (...), crosses the band; time_s (k,) or (...,
+    k)."""
     after = np.clip(i, 1, distance.shape[-1] - 1)[..., None]
     times = np.broadcast_to(time_s, distance.shape)
     a, b, before, behind = (np.take_along_axis(x, at, axis=-1)[..., 0] for x in (distance, times) for at in (after - 1, after))
@@ -191,7 +192,7 @@ def crossing(time_s: FloatArray, distance: FloatArray, i: IntArray, band_mm: flo
 
 
 def arrivals(time_s: FloatArray, distance: FloatArray, band_mm: float) -> tuple[FloatArray, FloatArray]:
-    """When (...) [s] the robot first enters the limit band, and when it enters it to stay; NaN when it does not."""
+    """Return the times (...) [s] at which the robot first enters the limit band, and enters it to stay; NaN if it does not."""
     first, last = first_arrival(distance, band_mm), last_arrival(distance, band_mm)
     never = (first < 0) | (last == distance.shape[-1])
     one, other = (np.where(never, np.nan, crossing(time_s, distance, i, band_mm)) for i in (first, last))
@@ -218,16 +219,16 @@ def overshoot(excursions: FloatArray, band_mm: float, axis: int = -1) -> FloatAr
 
 
 def departure(time_s: FloatArray, distance_from_start: FloatArray, band_mm: float) -> FloatArray:
-    """When (...) [s] the robot leaves the limit band about where it stood for the first time; NaN when it never stood within it, or never
-    leaves it."""
+    """Return the times (...) [s] at which the robot leaves the limit band about its rest for the first time; NaN if it was never within it,
+    or never leaves it."""
     outside = distance_from_start > band_mm
     i = outside.argmax(axis=-1)
     return np.where(i == 0, np.nan, crossing(time_s, distance_from_start, i, band_mm))
 
 
 def posing_time(time_s: FloatArray, from_start: FloatArray, to_end: FloatArray, band_mm: float) -> FloatArray:
-    """9: t_min (...) [s], from leaving the start to staying within the limit band about the end; distances (..., k) from where the robot
-    stood and from where it comes to rest."""
+    """Return 9: t_min (...) [s], from leaving the start to staying within the limit band about the end; distances (..., k) from the start
+    and from the final rest."""
     return arrivals(time_s, to_end, band_mm)[1] - departure(time_s, from_start, band_mm)
 
 

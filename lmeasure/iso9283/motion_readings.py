@@ -1,10 +1,10 @@
-"""Figures that are read from stretches of a motion: what lies between samples, and what the counts make them err by.
+"""Figures that are read from stretches of a motion: values between samples, and errors from the counts.
 
-Between samples a motion is the cubic spline through them. Its own error is found by leaving out every other sample: where a motion has
-three derivatives that is seven times as large (Richardson). Errors of counts are drawn as what they are, the roundings of lengths: a draw
-says where within a count the lengths of a place lie, and from there the lengths' changes along the stretch say how each sample is rounded.
-So samples of a robot that creeps, and cycles that come to rest within a count of each other, are rounded alike. Errors of another kind are
-taken for roundings as large: they stay where the robot stands and are others when it has gone on.
+Between samples a motion is the cubic spline through them. Its own error follows from omitting every other sample: for a motion with three
+derivatives that is seven times as large (Richardson). Errors of counts are drawn as roundings of lengths: a draw sets where within a count
+the lengths of a place lie, and the lengths' changes along the stretch determine the rounding of each sample. So samples of a robot that
+creeps, and cycles that come to rest within a count of each other, are rounded alike. Errors of another kind are taken for roundings as
+large: they stay while the robot rests and change when it moves on.
 """
 
 import itertools
@@ -27,17 +27,17 @@ FINE_S = 2.5e-4
 """Steps in which a motion is read between samples."""
 MOST_PIECES = 64
 FINER_THAN = 0.25
-"""Of a limit: a step is no longer, so that no passage of it is missed."""
+"""Longest step as a part of a limit, so that no passage of it is missed."""
 WITHOUT_HALF = 7.0
 """Times as far off as the spline is that of every other sample, by its third derivatives."""
 FEWER_ERR = 2.0
 """U95 by which a figure of every other sample may differ by errors of counts alone."""
 SMOOTHED, DEGREE = 9, 4
-"""Samples and degree of the polynomials by which roundings are taken out of a stretch."""
+"""Samples and degree of the polynomials that remove roundings from a stretch."""
 MARGIN = 12
-"""Samples beyond which a spline does not feel what happens: 0.27 per sample."""
+"""Samples beyond which a spline is not affected: 0.27 per sample."""
 AT_REST = 0.1
-"""Of a window: its last part, in which the robot is taken to rest."""
+"""Last part of a window, in which the robot is taken to rest."""
 REST_SAMPLES = 20
 FAR = 5.0
 """Standard deviations that an error does not reach."""
@@ -46,8 +46,8 @@ DRAWN_AT_ONCE = 500_000
 
 @dataclass(frozen=True)
 class Stretch:
-    """Consecutive samples (k,) of a trajectory: time_s (k,) [s] and poses (k, 7) of what is certified. places: samples (i,), counted from
-    the first of the stretch, at each of the places that the figure looks from."""
+    """Consecutive samples (k,) of a trajectory: time_s (k,) [s] and poses (k, 7) of the certified point. places: samples (i,), counted from
+    the first of the stretch, at each reference place of the figure."""
 
     samples: IntArray
     time_s: FloatArray
@@ -93,7 +93,8 @@ class Finer:
     time_s: FloatArray
 
     def read(self, values: FloatArray, every: int = 1) -> FloatArray:
-        """(K, ...) what values (k, ...) at the samples are there, by the spline through all of them or every other one."""
+        """Return (K, ...) values at finer times from values (k, ...) at the samples, by the spline through all of them or every other
+        one."""
         chosen = np.union1d(np.arange(0, len(values), every), [len(values) - 1])
         return np.asarray(scipy.interpolate.CubicSpline(self.samples_s[chosen], values[chosen])(self.time_s))
 
@@ -120,7 +121,7 @@ class Finer:
         return np.asarray(scipy.ndimage.binary_dilation(used, iterations=MARGIN))
 
     def errors(self, points: IntArray, of_samples: Callable[[IntArray], FloatArray]) -> FloatArray:
-        """(trials, F, 3) what errors of positions, (trials, i, 3) at samples (i,), are at points (F,)."""
+        """Return (trials, F, 3) errors at points (F,) from errors of positions, (trials, i, 3) at samples (i,)."""
         step = self._steps(points)
         ends = np.flatnonzero(np.diff(self.used(points), prepend=False, append=False))
         parts = [
@@ -135,10 +136,10 @@ class Finer:
 @dataclass(frozen=True)
 class Reading:
     """Reading of results from cycles: `of` makes them (..., q) of times (F,) [s] and vectors (..., F, 3) [mm], one from each place of a
-    stretch to where the robot is, whose sizes (..., F) are held against a limit [mm].
+    stretch to the robot, whose sizes (..., F) are compared with a limit [mm].
 
-    never (q,): what counts where the limit is not reached, in a draw or by every other sample. largest: whether the largest size is a
-    figure. origin: the point (3,), known without error, that vectors are from instead of the only place.
+    never (q,): values if the limit is not reached, in a draw or by every other sample. largest: whether the largest size is a figure.
+    origin: the exact point (3,) from which vectors start instead of the only place.
     """
 
     of: Callable[..., FloatArray]
@@ -155,9 +156,8 @@ class Reading:
 
 @dataclass(frozen=True)
 class Reported:
-    """Figures (n, q) of n cycles, how far the splines that they are read from may be off (n, q), and by each law that the errors may have
-    what the figures of a likely motion are without errors (n, q) and with them (trials, n, q).
-    unresolved: as between (n, q), where the samples do not resolve the motion."""
+    """Figures (n, q) of n cycles, possible errors of the splines (n, q), and by each law of errors the figures of a likely motion without
+    errors (n, q) and with them (trials, n, q). unresolved: as between (n, q), if the samples do not resolve the motion."""
 
     values: FloatArray
     between: FloatArray
@@ -170,10 +170,10 @@ class Reported:
         return np.asarray(np.isfinite(self.values).all(axis=1))
 
     def u95(self, i: int, over: Callable[..., FloatArray], above: float = -np.inf) -> float:
-        """U95 of figure i taken over the cycles; the larger of the laws'.
+        """Return U95 of figure i over the cycles; the larger of the laws'.
 
-        What errors have added to the scatter of the cycles whose figures are above a value is taken away, lest the largest of them be the
-        one that erred most.
+        The part of errors in the scatter of cycles with figures above a value is removed, since otherwise the largest figure would be the
+        one with the largest error.
         """
         out = []
         for base, drawn in ((likely[:, i], moved[:, :, i]) for likely, moved in self.laws):
@@ -194,7 +194,7 @@ class Reported:
         self, i: int, key: CharacteristicKey, *, clause: str, unit: str, note: Message, over: Callable[..., FloatArray] = np.mean,
         above: float = -np.inf
     ) -> Characteristic:  # fmt: skip
-        """Figure i taken over the cycles, of which those above a value are alike; another run errs anew."""
+        """Return figure i over the cycles, with equal ones above a value; another run draws new errors."""
         u95, value = self.u95(i, over, above), float(over(self.values[:, i]))
         return Characteristic(
             **key._asdict(), clause=clause, value=value, unit=unit, u95=u95, capable=False, cycles=len(self.values), note=note
@@ -242,7 +242,7 @@ class Motion:
         return Stretch(np.arange(part.start, part.stop), self.trajectory.time_s[part], poses, places)
 
     def read(self, cycles: Sequence[Stretch], reading: Reading) -> Reported:
-        """Return what a reading tells of cycles."""
+        """Return the figures of cycles."""
         values, halves, quarters, found = [], [], [], []
         # of each place by each law, at all cycles
         laws = [
@@ -353,8 +353,8 @@ def _errors_from(
     trials: int,
     absolute: bool,
 ) -> list[FloatArray]:
-    """Drawn errors (trials, F, 3) [mm] of each cycle's vectors from a place to points (F,), law: of positions at the place, one a cycle;
-    absolute: the vectors are from a point without error, near the place, and err by what the run has in common, too."""
+    """Return drawn errors (trials, F, 3) [mm] of each cycle's vectors from a place to points (F,), law: of positions at the place, one a
+    cycle; absolute: the vectors are from a point without error, near the place, and contain the run's common errors too."""
     apart = np.zeros((len(cycles), 6))
     poses = np.array([s.poses[at[0]] for s, at in zip(cycles, places, strict=True)])
     apart[:, 3:] = poses[:, :3] - poses[:, :3].mean(axis=0)
@@ -377,16 +377,16 @@ def _errors_from(
 
 
 NEAR = 0.4
-"""Of the least distance between commanded poses: farther from one, a rest belongs to none."""
+"""Part of the least distance between commanded poses: a rest farther from a pose does not belong to it."""
 FARTHEST_MM = 20.0
 
 
 def with_windows(trajectory: Trajectory, program: Program, frame: Frame, still_mm: float) -> tuple[Program, tuple[Message, ...]]:
-    """The program with windows found in the trajectory, where it states no time of anything, and what is to be said of them.
+    """Return the program with windows found in the trajectory, if it states no times, and remarks on them.
 
-    A dwell is the second half of a rest near a commanded pose, up to `LAG_S` before the robot leaves it; a run of a path is what lies
-    between a rest near its start and the next near its end. CertificationError when a pose or path is not found, or poses are
-    taken different numbers of times.
+    A dwell is the second half of a rest near a commanded pose, up to `LAG_S` before the robot leaves it; a run of a path lies between a
+    rest near its start and the next near its end. CertificationError if a pose or path is not found, or poses have different numbers of
+    visits.
     """
     timed = [w for p in program.pose for w in (p.windows_s, p.settling_s)] + [p.windows_s for p in program.path]
     timed += [p.windows_s for p in program.posing] + [c.windows_s for c in program.compliance]
@@ -418,7 +418,7 @@ def _reach(program: Program) -> float:
 
 
 class _Rests(NamedTuple):
-    """Where a trajectory rests: positions (n, 3) of what is certified, the samples of each rest, and where it is, places (k, 3) [mm]."""
+    """Rests of a trajectory: positions (n, 3) of the certified point, the samples of each rest, and its places (k, 3) [mm]."""
 
     trajectory: Trajectory
     positions: FloatArray

@@ -1,4 +1,4 @@
-"""Attained paths: what a trajectory's samples are on a commanded path, and where they cross planes normal to it."""
+"""Attained paths: a trajectory's samples along a commanded path, and their crossings of planes normal to it."""
 
 import itertools
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from lmeasure.text import message
 from lmeasure.trajectory import Frame, Trajectory, moved, scatter, window
 
 HALVINGS = 40
-"""Of a step between samples, until a passage is found in it: to 1e-12 of it."""
+"""Halvings of a step between samples, until a passage is found in it: to 1e-12 of it."""
 MOST_UNEVEN = 2.0
 """Times as long as the shortest of three steps the longest may be: cubics through samples at uneven times swing."""
 FINER = 16
@@ -57,14 +57,15 @@ def _zero(time_s: FloatArray, ahead: FloatArray) -> FloatArray:
 
 
 def share(part: FloatArray) -> FloatArray:
-    """(m,) of the variance of a sample what is read from the four about it has, at part (m,) of the even step between the middle ones."""
+    """Return (m,) parts of a sample's variance in a reading from the four about it, at part (m,) of the even step between the middle
+    ones."""
     steps = np.tile(np.arange(-1.0, 3.0), (len(part), 1))
     return np.asarray((lagrange(steps, part) ** 2).sum(axis=1))
 
 
 def finer(values: FloatArray, *, kinks: bool) -> FloatArray:
-    """(..., FINER (k - 1) + 1, c) what values (..., k, c) at even steps are between them: by the cubic spline, or where there may be kinks
-    by cubics that hardly swing there (modified Akima)."""
+    """Return (..., FINER (k - 1) + 1, c) values between values (..., k, c) at even steps: by the cubic spline, or if there may be kinks by
+    cubics that hardly swing there (modified Akima)."""
     steps = np.arange(values.shape[-2])
     curve = (
         scipy.interpolate.Akima1DInterpolator(steps, values, axis=-2, method="makima")
@@ -80,13 +81,13 @@ LEAST_SAMPLES = 20
 SAMPLES_PER_PLANE = 2
 LEAST_PLANES = LEAST_SAMPLES // SAMPLES_PER_PLANE
 BACKWARDS = 0.02
-"""Of a path's length: farther back is not a robot that overshoots but one that runs the other way."""
+"""Largest part of a path's length by which a robot overshoots backwards; farther back it runs the other way."""
 HOLE_PLANES = 3
-"""So many planes between two neighbouring samples are a hole, where the time between these is long too: what it did there is a guess."""
+"""Planes between two neighbouring samples that make a hole, if the time between these is long too: the path there would be a guess."""
 HOLE_STEPS = 3.0
 """Times as long as the median step of a cycle that time is."""
 ABOUT_MM = 0.05
-"""To either side of a plane, where the speed at which it is crossed is taken: as far as what is measured may be off."""
+"""Distance to either side of a plane over which the crossing speed is taken: as far as the possible error of the measurement."""
 
 
 class Line:
@@ -112,8 +113,8 @@ class Line:
         return [int(i) + 1 for i in np.flatnonzero((turned > SHARP_DEG) & (turned < 180.0 - 1e-6))]
 
     def planes(self, number: int, *, quarters: bool = False) -> FloatArray:
-        """(m,) ways [mm] of about as many planes: in the middles of equal pieces from corner to corner, where the path has a direction;
-        quarters: so that of each line's, if there are six or more, two stand at a quarter and at three quarters of it."""
+        """Return (m,) arc lengths [mm] of about as many planes: in the middles of equal pieces from corner to corner, where the path has a
+        direction; quarters: so that two planes of each line, if it has six or more, are at a quarter and at three quarters of it."""
         ends = [0.0, *(float(self.arc[i]) for i in self.turns()), self.length]
         pieces = [(a, b - a, max(1, round(number * (b - a) / self.length))) for a, b in itertools.pairwise(ends)]
         if quarters:
@@ -165,13 +166,12 @@ class Cycle:
 
 @dataclass(frozen=True)
 class Crossings:
-    """A path's cycles at m planes normal to it, way_mm (m,) along it: commanded (m, 3) and tangent (m, 3); attained poses (m, n, 7), when
-    they were crossed time_s (m, n) and how fast pace_mm_s (m, n), and the nearest samples (m, n).
+    """A path's cycles at m planes normal to it, way_mm (m,) along it: commanded (m, 3) and tangent (m, 3); attained poses (m, n, 7), times
+    of crossing time_s (m, n) and speeds pace_mm_s (m, n), and the nearest samples (m, n).
 
-    A crossing is read from the four samples about it, of which it has the weights (m, n, 4); step (m, n, 6) from the one
-    before it to the one behind, rotation [rad] and position [mm]; hidden (m n): how far the path may lie
-    off between those; scatter (m, 6, 6): covariance of the nearest samples' poses over cycles.
-    cycles: the runs themselves; angle_deg: worst pressure angle on them.
+    A crossing is read from the four samples about it, with the weights (m, n, 4); step (m, n, 6) from the one before it to the one behind,
+    rotation [rad] and position [mm]; hidden (m n): possible error of the path between those; scatter (m, 6, 6): covariance of the nearest
+    samples' poses over cycles. cycles: the runs themselves; angle_deg: worst pressure angle on them.
     """
 
     line: Line
@@ -191,7 +191,7 @@ class Crossings:
 
     @property
     def stretch(self) -> IntArray:
-        """(m,) numbers of the stretches between corners in which the planes stand."""
+        """Return (m,) indices of the stretches between corners that contain the planes."""
         turns = self.line.turns()
         return np.asarray(np.searchsorted(self.line.arc[turns], self.way_mm) if turns else np.zeros(len(self.way_mm), dtype=np.int64))
 
@@ -297,8 +297,8 @@ class _Crossed(NamedTuple):
 
 
 def _cross(cycle: Cycle, ways: FloatArray, what: str, *, commanded: FloatArray, tangent: FloatArray, bounds: FloatArray) -> _Crossed:
-    """Where a cycle crosses the planes through commanded (m, 3) normal to tangent (m, 3); bounds (2, m): ways of the corners before and
-    behind each plane."""
+    """Return the crossings of a cycle with the planes through commanded (m, 3) normal to tangent (m, 3); bounds (2, m): arc lengths of the
+    corners before and behind each plane."""
     way, forward = cycle.way_mm, np.maximum.accumulate(cycle.way_mm)
     after = np.searchsorted(forward, ways, side="left")
     if after[0] == 0:

@@ -44,13 +44,13 @@ NOISE = 15.0
 SHARP = 0.85
 ROUNDED = 0.4
 READ = 0.8
-"""Of the apex of a sharp corner: as far from it one may be read."""
+"""Distance from the apex of a sharp corner, as a part of its own, from which a value may be read."""
 OF_NOISE = 2.0
-"""Standard deviations by which a step between samples may be longer than it is read."""
+"""Standard deviations by which a step between samples may be longer than its reading."""
 EDGE = 1.25
 """Times a bound at whose very edge a path may lie, so that U95 includes it."""
 AS_UNIFORM = 1.0 / np.sqrt(3.0)
-"""Standard deviation of what lies anywhere within a bound, over the bound."""
+"""Standard deviation of a value anywhere within a bound, over the bound."""
 
 
 @dataclass(frozen=True)
@@ -87,9 +87,9 @@ class Steps:
 
 @dataclass(frozen=True)
 class Between:
-    """Steps between samples: as if these came evenly, and by their times.
+    """Steps between samples: taken as even, and by their times.
 
-    A path's shape depends on neither, so that the one counts by which it is smoother.
+    A path's shape depends on neither, so the smoother one is used.
     """
 
     courses: tuple[Steps, ...]
@@ -156,14 +156,14 @@ def joined(cycles: Sequence[Between]) -> Between:
 
 
 def of_samples(errors: PoseErrors) -> FloatArray:
-    """Return the covariances (n, 3, 3) [mm²] of single samples, of their own and of their place, by which they lie off a smooth path."""
+    """Return the covariances (n, 3, 3) [mm²] of single samples about a smooth path, from their own errors and their place's."""
     each = np.concatenate([errors.own[:, 3:], errors.local[:, 3:]], axis=2)
     return np.asarray(each @ np.swapaxes(each, 1, 2))
 
 
 def with_hidden(errors: PoseErrors, own: FloatArray, common: FloatArray) -> PoseErrors:
-    """Errors of n places, and what hides between samples: by up to own (n, 3) [mm] anew at every place, and by up to common (n, 3) [mm] in
-    common: what reads a corner too round does so in all cycles."""
+    """Return errors of n places, and those hidden between samples: up to own (n, 3) [mm] anew at every place, and up to common (n, 3) [mm]
+    in common: a corner is read too round in all cycles."""
     added = [np.pad(AS_UNIFORM * bound, ((0, 0), (3, 0))) for bound in (own, common)]
     if own.any():
         errors = replace(errors, own=np.concatenate([errors.own, added[0][:, :, None]], axis=2))

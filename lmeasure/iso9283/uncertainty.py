@@ -1,10 +1,10 @@
 """Uncertainty of characteristics by propagation of distributions (JCGM 101) and by the linear law (JCGM 100).
 
-A characteristic is a function f of the attained poses x of its cycles. What is measured is x + e, with e the instrument's errors of known
-law, and f(x + e) is the value that is certified; its error is f(x + e) - f(x). For a signed component f is linear and the error's law does
-not depend on x. For a length of a vector, a standard deviation or a maximum it does: noise makes them larger than they are. The law of the
-error is therefore drawn at an x* as likely as x itself: the measured poses with their deviations reduced by what the errors have added on
-average (`reduction`). U95 is the 95 % quantile of |f(x* + e) - f(x*)|, so that value +- U95 holds f(x).
+A characteristic is a function f of the attained poses x of its cycles. The measurement is x + e, with e the instrument's errors of known
+law, and f(x + e) is the certified value; its error is f(x + e) - f(x). For a signed component f is linear and the error's law does not
+depend on x. For a length of a vector, a standard deviation or a maximum it does: noise makes them larger than they are. The law of the
+error is therefore drawn at an x* as likely as x itself: the measured poses with their deviations reduced by the average part of errors
+(`reduction`). U95 is the 95 % quantile of |f(x* + e) - f(x*)|, so that value +- U95 holds f(x).
 
 The budget is the linear law at x: e = sum_k d_k z_k with independent z_k of unit variance, and c_k = df(x + s d_k) / ds at s = 0. A source
 contributes the root sum of squares of its c_k; results a and b correlate by sum_k c_ak c_bk. Errors of more variables than LINEAR_TRIALS
@@ -30,7 +30,7 @@ NORMAL_95 = 1.959963984540054
 """Half width of the interval that holds 95 % of a normal law, in standard deviations."""
 NORMAL_95_ONE_SIDED = 1.6448536269514722
 STEP = 1e-3
-"""Of the errors, for the linear law: derivatives along the drawn errors."""
+"""Part of the errors used as step for the linear law: derivatives along the drawn errors."""
 NO_ERROR = 1e-12  # mm, rad
 POINTS_AT_ONCE = 100_000
 LINEAR_TRIALS = 500
@@ -51,7 +51,7 @@ class Part(Protocol):
         ...
 
     def state(self, errors: FloatArray, reduced: bool) -> Any:
-        """What figures are functions of, moved by errors (..., n, 6); reduced: of x*, else of the measured poses."""
+        """Return the state that figures are functions of, moved by errors (..., n, 6); reduced: of x*, else of the measured poses."""
         ...
 
 
@@ -72,7 +72,7 @@ class Spread:
 
     @property
     def u_random(self) -> float:
-        """Standard uncertainty by what another run draws anew."""
+        """Return the standard uncertainty that another run draws anew."""
         return self._of(True)
 
     @property
@@ -82,10 +82,10 @@ class Spread:
 
 
 def reduction(observed: FloatArray | float, added: FloatArray | float, freedom: float = np.inf) -> FloatArray:
-    """Factor (...) on deviations whose mean square is observed (...) so that what errors have added to it is taken away.
+    """Return the factor (...) on deviations with an observed mean square (...) that removes the part of errors.
 
-    freedom: degrees of freedom of the observed mean square. It is taken for the most that is likely, 1.64 standard deviations (5 %) of
-    sqrt(2 / freedom) above what it should be: the smaller the deviations are in truth, the more the errors enlarge figures made of them.
+    freedom: degrees of freedom of the observed mean square. It is taken as high as is likely, 1.64 standard deviations (5 %) of sqrt(2 /
+    freedom) above its expectation: the smaller the deviations are in truth, the more the errors enlarge figures made of them.
     """
     observed, added = np.asarray(observed, dtype=np.float64), np.asarray(added, dtype=np.float64)
     least = observed / (1.0 + NORMAL_95_ONE_SIDED * np.sqrt(2.0 / freedom))
@@ -207,8 +207,8 @@ class _Watched(dict[Subject, Any]):
 
 @dataclass(frozen=True)
 class _Block:
-    """Independent errors: of each part (T, n, 6) by a variable of unit variance each, and what they are; part: the only one that has them,
-    None where all parts may."""
+    """Independent errors: of each part (T, n, 6) by a variable of unit variance each, and their source; part: the only part with them, None
+    for all parts."""
 
     errors: dict[Subject, FloatArray]
     kinds: list[_Kind]
@@ -283,7 +283,7 @@ def _row(kind: _Kind, derivatives: list[float]) -> Contribution:
 
 
 APART = 10.0
-"""Standard uncertainties of an instant that lie between planes at least, for speeds between them to tell anything."""
+"""Fewest standard uncertainties of an instant between planes for a meaningful speed between them."""
 
 
 def on_times(program: Program, stamps: Stamps) -> Program:
@@ -328,7 +328,7 @@ def of_crossing(places: PoseErrors, crossed: Crossings, stamps: Stamps) -> PoseE
 
 
 def with_instants(c: Characteristic, added: OfInstants) -> Characteristic:
-    """A figure with what the instants of its samples add to it."""
+    """Return a figure with the effect of errors of its samples' times."""
     row = Contribution(message("source.instants"), added.u)
     return c.with_budget((*c.budget, *(row,) * (added.u > 0.0)), float(np.hypot(c.u95, NORMAL_95 * added.u) + added.bias))
 

@@ -1,10 +1,10 @@
-"""Bodies held by straight links from point to point: what their lines alone determine, whatever a link is made of.
+"""Bodies on straight links from point to point: results from their lines alone, whatever a link is made of.
 
-`topology` names which links meet in which points. `straight_links` finds and proves all poses of given lengths: by `tetrahedra` in closed
+`topology` names the points in which links meet. `straight_links` finds and proves all poses of given lengths: by `tetrahedra` in closed
 form, or from `start_systems` in Study coordinates (`study_quadric`), with the proof in `krawczyk`. `architecture` names rigs that are
 singular at every pose. `pluecker` has the rows of the links, `lost_screw` the screw that they determine least, `singularity` determinants
-and the neighbourhood of singular poses. Nothing here knows a drum or a pulley, except `wrapped_links`, which starts from these
-assemblies and solves wrapped cables.
+and the neighbourhood of singular poses. Only `wrapped_links` knows drums and pulleys: it starts from these assemblies and solves wrapped
+cables.
 """
 
 import lazy_loader

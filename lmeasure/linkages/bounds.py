@@ -86,13 +86,13 @@ class Further:
 
 @dataclass(frozen=True)
 class Bounds:
-    """Six links or more from base (m, 3) to body (m, 3) and what they must keep.
+    """Six links or more from base (m, 3) to body (m, 3) and their limits.
 
-    at: a pose (7,) at which the mechanism works, whose sign of the determinant is kept; limit_rad: of every pressure angle, None: only
-    never singular; lengths_mm: least and greatest length of a link, or (2, m) of each; determinant: least |det| [mm^3], of rows with unit
-    directions. lines: of links that are not straight from point to point, cables over pulleys; turns (k, 4): quaternions by which the body
-    is turned at every place, and has to keep its limits in all of these orientations; weights (m,) of more than six lengths' squares,
-    default all 1; called: the links' names, default `link 1` and so on; further: limits besides these.
+    at: a pose (7,) of the mechanism, whose sign of the determinant is kept; limit_rad: of every pressure angle, None: only never singular;
+    lengths_mm: least and greatest length of a link, or (2, m) of each; determinant: least |det| [mm^3], of rows with unit directions.
+    lines: of links that are not straight from point to point, cables over pulleys; turns (k, 4): quaternions by which the body is turned at
+    every place, and has to keep its limits in all of these orientations; weights (m,) of more than six lengths' squares, default all 1;
+    called: the links' names, default `link 1` and so on; further: limits besides these.
     """
 
     base: FloatArray

@@ -1,14 +1,15 @@
-"""Whether a mechanism that tetrahedra solve can be singular within limits of its lengths, for all 24 such structures (thesis 4.2, 4.3).
+"""Test whether a mechanism that tetrahedra solve can be singular within limits of its lengths, for all 24 such structures (thesis 4.2,
+4.3).
 
-The thesis proves limits for tetrahedra that stand on links and sides alone, as those of L-321-321. In the others some edges are
-additional coordinates, l7 and l8 of 4.1: distances of a corner that is placed from points of the other body, which follow from the links
-before it. The determinant is a product of volumes all the same: |det| times the six lengths is 6V1 6V2 6V3 for every one of them. (The
-first apex moves by 6V1 of its three links. A second one of the other body, at the distance l7 from it, sweeps l7^2 of a turn and 6V2/l7 of
-its links; about the line of both the third turns by 6V3/l7: what is divided by l7 is multiplied by it.) So a mechanism is singular where a
-tetrahedron is flat, and nowhere else.
+The thesis proves limits for tetrahedra built on links and sides alone, as those of L-321-321. In the others some edges are additional
+coordinates, l7 and l8 of 4.1: distances of a corner that is placed from points of the other body, which follow from the links before it.
+The determinant is a product of volumes all the same: |det| times the six lengths is 6V1 6V2 6V3 for every one of them. (The first apex
+moves by 6V1 of its three links. A second one of the other body, at the distance l7 from it, sweeps l7^2 of a turn and 6V2/l7 of its links;
+about the line of both the third turns by 6V3/l7: the division by l7 and the multiplication by it cancel.) So a mechanism is singular where
+a tetrahedron is flat, and nowhere else.
 
-Boxes of the six lengths go through the tetrahedra one by one with intervals: is each certain to stand (PQ between its flat values), what
-coordinates has its apex, how far is that from the points the next tetrahedron stands on. Boxes that are not decided are halved.
+Boxes of the six lengths go through the tetrahedra one by one with intervals: is each certain to exist (PQ between its flat values), what
+are the coordinates of its apex, and its distances from the base of the next tetrahedron. Undecided boxes are halved.
 """
 
 from collections.abc import Callable
@@ -44,7 +45,7 @@ class Chain:
 
     @cached_property
     def _place(self) -> dict[Point, FloatArray]:
-        """Of each point in its own body's frame."""
+        """Return the coordinates of each point in its own body's frame."""
         order = self.found.order
         links = self.found.structure.links
         at_base = {("B", b): self.base[order[i]] for i, (_, b) in enumerate(links)}
@@ -115,7 +116,7 @@ class Chain:
 
     @staticmethod
     def _to(place: FloatArray, a: FloatArray, r: FloatArray, other: FloatArray) -> FloatArray:
-        """(n, 2) distances of places (n, 3, 2), at the distances r from a point a, from another: two ways, of which both hold."""
+        """Return (n, 2) distances of places (n, 3, 2), at the distances r from a point a, from another: by two formulas, both valid."""
         w = _around(a - other)
         turned = iv.mul(iv.sub(place, _around(a)), w)
         by_cosines = iv.add(iv.square(r), _around(float((a - other) @ (a - other))))
@@ -145,7 +146,7 @@ def _foot(d: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _standing(five: FloatArray, pq: FloatArray) -> IntArray:
-    """(n,) whether tetrahedra with edges five (n, 5, 2) (`flat.EDGES`) and pq (n, 2) stand, all of a box."""
+    """Return (n,) whether tetrahedra with edges five (n, 5, 2) (`flat.EDGES`) and pq (n, 2) exist, all of a box."""
     determined = np.full(len(five), STANDS)
     for side, way in ((1.0, 1.0), (-1.0, -1.0)):  # near flat values from above, far ones from below
         square, rates, whole = enclosed(five, side)
@@ -173,7 +174,7 @@ def _faces(five: FloatArray) -> BoolArray:
 
 
 def proved(judge: Judge, box: FloatArray, most: int = BOXES) -> bool:
-    """Whether it is proved of a box (6, 2) of lengths that every tetrahedron stands in all of it."""
+    """Return whether every tetrahedron is proved to exist in all of a box (6, 2) of lengths."""
     corners = np.array(np.meshgrid(*box, indexing="ij")).reshape(6, -1).T
     if (judge(np.stack([corners, corners], axis=-1)) != STANDS).any():
         return False

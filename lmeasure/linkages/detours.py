@@ -1,9 +1,9 @@
-"""A commanded path that would leave the limits, led around them: the least deviation, the ends kept (thesis Rashoyan 2021, 5.2).
+"""Detours of a commanded path that would leave the limits: the least deviation, with the ends kept (thesis Rashoyan 2021, 5.2).
 
-The thesis goes on from the last good pose along the part of each step that is normal to the determinant's gradient, turns and shifts apart:
-the determinant stays what it was, the deviation is not the least, and a limit of the determinant is none of the pressure angle (its own
-example has angles up to 89.8 degrees where det >= 0.015). Here every pose beyond a limit is put onto the nearest one that keeps it, in the
-norm of a displacement with turns counted at the rim; between two poses the way is halved until it keeps the limits too.
+The thesis continues from the last good pose along the part of each step that is normal to the determinant's gradient, turns and shifts
+apart. The determinant stays the same, the deviation is not the least, and a limit of the determinant does not limit the pressure angle (its
+own example has angles up to 89.8 degrees where det >= 0.015). Here every pose beyond a limit is put onto the nearest one that keeps it, in
+the norm of a displacement with turns counted at the rim; between two poses the path is halved until it keeps the limits too.
 """
 
 from dataclasses import dataclass
@@ -39,11 +39,11 @@ class Detour:
 
 
 def detour(bounds: Kept, poses: FloatArray, margin: float = 0.0, *, turns: bool = True) -> Detour:
-    """The commanded poses (n, 7), and more between them where needed, led around the limits; margin: what limits are kept by beyond 0, in
+    """Return the commanded poses (n, 7), and more between them where needed, led around the limits; margin: distance from the limits, in
     their units (`Bounds.values`); turns: whether the body may be turned, too, or is only shifted.
 
-    StructureError where an end is beyond a limit, or no pose near another keeps them, or they are not kept between two poses however near,
-    or two neighbours would be led to different sides.
+    StructureError if an end is beyond a limit, or no pose near another keeps them, or they are broken between two poses however near, or
+    two neighbours would be led to different sides.
     """
     for k in (0, len(poses) - 1):
         if not (bounds.values(poses[k]) >= margin).all():
@@ -91,7 +91,7 @@ def _halved(bounds: Kept, poses: FloatArray, margin: float, aim: float, turns: b
 
 
 def _short(bounds: Kept, found: list[tuple[float, FloatArray]], margin: float) -> tuple[float, int]:
-    """By how much the worst place between the poses falls short of the margin, and after which sample."""
+    """Return the shortfall of the worst place between the poses from the margin, and the sample before it."""
     between = np.array([at(np.stack([a, b]), part) for (_, a), (_, b) in pairwise(found) for part in (0.25, 0.5, 0.75)])
     short = margin - np.nan_to_num(bounds.values(between), nan=-np.inf).min(axis=1)
     worst = int(np.argmax(short))

@@ -1,17 +1,17 @@
 """Limits of lengths between which no tetrahedron of a mechanism can become flat (thesis 4.2, 4.3), proved and not scanned.
 
-Where the assemblies of a structure are built up corner by corner of tetrahedra, it is singular when one of them is flat. With five edges
-of a tetrahedron X Y P Q given, the sixth, PQ, is shortest when it is flat with P and Q on one side of XY, and longest with them on both
-sides; it can be assembled between these and is flat at these only. In a plane with X at the origin and Y at (D, 0),
+Where the assemblies of a structure are built up corner by corner of tetrahedra, it is singular if one of them is flat. With five edges of a
+tetrahedron X Y P Q given, the sixth, PQ, is shortest when it is flat with P and Q on one side of XY, and longest with them on both sides;
+it can be assembled between these and is flat at these only. In a plane with X at the origin and Y at (D, 0),
 
     u_P = (D^2 + PX^2 - PY^2) / 2D,  h_P^2 = PX^2 - u_P^2,  and so for Q:    near, far = hypot(u_P - u_Q, h_P -+ h_Q),
 
 the two roots in PQ^2 of the Cayley-Menger determinant. The thesis' (4.14) to (4.18) are these for its three tetrahedra, with misprints:
 squares of sides missing in the angles of (4.15), l4 for l2 in gamma of (4.17).
 
-Over limits of the five edges near and far have ranges, which are enclosed by halving boxes of edges with intervals. What makes that
-short: a flat tetrahedron has an affine dependence sum a_i p_i = 0, sum a_i = 0, and sum_{i<j} a_i a_j d(l_ij^2) = 0, so that the rate of
-PQ by each other edge has the sign of a product of four areas. While no three points of a box can be on a line, extremes are at corners.
+Over limits of the five edges near and far have ranges, which are enclosed by halving boxes of edges with intervals. What makes that short:
+a flat tetrahedron has an affine dependence sum a_i p_i = 0, sum a_i = 0, and sum_{i<j} a_i a_j d(l_ij^2) = 0, so that the rate of PQ by
+each other edge has the sign of a product of four areas. While no three points of a box can be on a line, extremes are at corners.
 """
 
 from collections.abc import Mapping, Sequence
@@ -55,14 +55,15 @@ class Band:
 
 @dataclass(frozen=True)
 class Flat:
-    """Where an edge of a tetrahedron is flat: near and far bands, and the interval between them, safe, in which it never is."""
+    """Lengths of an edge at which a tetrahedron is flat: near and far bands, and the interval between them, safe, in which it never is."""
 
     near: Band
     far: Band
 
     @property
     def safe(self) -> tuple[float, float] | None:
-        """Lengths of the edge [mm] at which the tetrahedron can be assembled whatever the others are, and is never flat; None for none."""
+        """Return the lengths of the edge [mm] at which the tetrahedron exists whatever the others are, and is never flat; None without
+        any."""
         low, high = self.near.high[1], self.far.low[0]
         return (low, high) if low < high else None
 
@@ -96,8 +97,8 @@ class Tetrahedron:
 
 
 def bands(tetrahedron: Tetrahedron, limits: Limits, edge: str) -> Flat:
-    """Where the edge is flat while the other five are anywhere within their limits. StructureError when a face cannot be assembled at
-    all."""
+    """Return the lengths of the edge at which it is flat while the other five are anywhere within their limits. StructureError if a face
+    cannot be assembled at all."""
     named = tetrahedron.seen_from(edge)
     box = np.array([limits[getattr(named, e)] for e in EDGES], dtype=np.float64)
     if not (np.isfinite(box).all() and (box[:, 0] > 0.0).all() and (box[:, 0] <= box[:, 1]).all()):
@@ -188,7 +189,7 @@ def safe_band(tetrahedra: Sequence[Tetrahedron], limits: Limits, edge: str) -> t
 
 
 def clear(tetrahedron: Tetrahedron, limits: Limits) -> bool:
-    """Whether it is proved that a tetrahedron is neither flat nor impossible anywhere within the limits."""
+    """Return whether a tetrahedron is proved neither flat nor impossible anywhere within the limits."""
     safe = bands(tetrahedron, limits, tetrahedron.pq).safe
     low, high = limits[tetrahedron.pq]
     return safe is not None and safe[0] < low and high < safe[1]

@@ -43,7 +43,7 @@ def square(a: FloatArray) -> FloatArray:
 
 
 def root(a: FloatArray) -> FloatArray:
-    """The square root of what of a is not negative; NaN where nothing is."""
+    """Return the square root of the part of a that is not negative; NaN without one."""
     with np.errstate(invalid="ignore"):
         low, high = np.sqrt(np.maximum(a[..., 0], 0.0)), np.sqrt(a[..., 1])
     out = _widened(low, high)

@@ -2,15 +2,15 @@
 
 A point x with one coordinate held at 1 and a box of radii r around it: if |Y F(x)| + |I - Y J| r < r for the derivatives J anywhere in the
 box and some matrix Y, the map x - Y F(x) takes the box into itself and contracts it, and the box has one solution (Krawczyk 1969; Rump,
-Verification methods, 2010, 13.3). The equations are quadrics, so that J varies by a known amount. What is computed in floating point is
-enlarged by bounds of its rounding (Higham, Accuracy and Stability, 3.1), as wide as all sums here need by far.
+Verification methods, 2010, 13.3). The equations are quadrics, so that J varies by a known amount. Results in floating point are enlarged by
+bounds of their rounding (Higham, Accuracy and Stability, 3.1), far wider than the sums here need.
 
-Near folds and far out the map's own rounding, multiplied by Y, fills the box. Where that is all, the point is taken to as many digits as it
-needs and F(x) computed in whole numbers (`exact`): the rest of the test has room for the roundings of double precision.
+Near folds and far out the map's own rounding, multiplied by Y, fills the box. If that is all, the point gets as many digits as it needs and
+F(x) is computed in whole numbers (`exact`): the rest of the test has room for the roundings of double precision.
 
 Points and lengths of a file are binary fractions; moved by one and divided by a power of two they are whole multiples of a small one still.
-So is a pose whose Study coordinates are kept to DIGITS binary digits. With h = g + e b - a e, of which each part is linear in the pose
-(e, g), a link's equation is h.h - l^2 e.e = 0 (`kernels.homotopy`), and Python's whole numbers know no overflow.
+So is a pose whose Study coordinates are kept to DIGITS binary digits. With h = g + e b - a e, of which each part is linear in the pose (e,
+g), a link's equation is h.h - l^2 e.e = 0 (`kernels.homotopy`), and Python's whole numbers know no overflow.
 """
 
 from dataclasses import dataclass
@@ -41,8 +41,8 @@ class ExactLinks:
     def of(
         cls, base: FloatArray, platform: FloatArray, lengths: FloatArray, *, origins: tuple[FloatArray, FloatArray], size: float
     ) -> "ExactLinks":
-        """Of points base (6, 3) and platform (6, 3) less the origins (3,) of their frames, and lengths (6,), all divided by a size, a power
-        of two."""
+        """Return the links of points base (6, 3) and platform (6, 3) minus the origins (3,) of their frames, and lengths (6,), all divided
+        by a size, a power of two."""
         points = [_less(base, origins[0]), _less(platform, origins[1]), _less(lengths[:, None], np.zeros(1))]
         unit = max(number.denominator for rows in points for row in rows for number in row) * int(max(size, 1.0))
         per = Fraction(unit) / Fraction(size)
@@ -101,7 +101,7 @@ NEAR = 1e-3  # of the largest coordinate: a step beyond which a point is near no
 
 @dataclass(frozen=True)
 class Proved:
-    """Points (n, 8), one coordinate of each 1, with what is proved of them."""
+    """Points (n, 8), one coordinate of each 1, with their proofs."""
 
     points: ComplexArray
     radius: FloatArray  # (n,) of the box in every coordinate
@@ -110,10 +110,10 @@ class Proved:
 
 
 def proved(rows: ComplexArray, points: ComplexArray, exact: ExactLinks | None = None) -> Proved:
-    """Return what is true of points (n, 8) near assemblies of links with real dimensions (6, 7).
+    """Return the proofs for points (n, 8) near assemblies of links with real dimensions (6, 7).
 
-    The rows need only be what `study.links` makes of coordinates that were moved and scaled: each of these operations is exact up to a
-    rounding of its result. exact: the same links in whole numbers, for points that double precision proves nothing of.
+    The rows are those of `study.links` for moved and scaled coordinates: each of these operations is exact up to a rounding of its result.
+    exact: the same links in whole numbers, for points without a proof in double precision.
     """
     Q, slack = study_quadric.quadrics(rows), ROUNDING * _magnitudes(rows)
     held = np.abs(points).argmax(axis=1)
@@ -207,8 +207,8 @@ def _inverses(J: ComplexArray) -> ComplexArray:
 def _box(
     Q: ComplexArray, slack: FloatArray, x: ComplexArray, held: IntArray, known: ComplexArray | None = None
 ) -> tuple[FloatArray, BoolArray]:
-    """Radii (n,) of boxes around x, and for which the test proves one proper assembly. known: the equations (n, 7) computed in whole
-    numbers at what is x rounded."""
+    """Return radii (n,) of boxes around x, and whether the test proves one proper assembly in each. known: the equations (n, 7) computed in
+    whole numbers at the rounded x."""
     F, J = _at(Q, x)
     J = _square(J, held)
     Y = _inverses(J)
@@ -233,7 +233,7 @@ def _box(
 
 
 def _magnitudes(rows: ComplexArray) -> FloatArray:
-    """(7, 8, 8) the quadrics with every term taken by its size: what their entries' rounding is a part of."""
+    """Return (7, 8, 8) the quadrics with every term taken by its size: the scale of their entries' rounding."""
     a, b = np.abs(rows[:, :3]).max(axis=1), np.abs(rows[:, 3:6]).max(axis=1)
     out = np.zeros((7, 8, 8))
     # c is a sum of three squares of which the length's may be as large as both others with it

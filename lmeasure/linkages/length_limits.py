@@ -1,14 +1,14 @@
 """Limits of lengths within which the assembly of one pose is never singular, for links of any structure, proved around that pose.
 
-Where no tetrahedra lead to a pose, what is singular is not determined by edges. With the pose for the origin, its Study coordinates are
-x = (1, e; g), y = (e; g) is small, and each link is a quadric J_k y + y Q_k y = d_k (1 + e.e), d_k the change of its squared length; the
-seventh is Study's. In u = J y, the changes to first order,
+If no tetrahedra lead to a pose, edges do not determine the singular poses. With the pose for the origin, its Study coordinates are x = (1,
+e; g), y = (e; g) is small, and each link is a quadric J_k y + y Q_k y = d_k (1 + e.e), d_k the change of its squared length; the seventh is
+Study's. In u = J y, the changes to first order,
 
     u = T(u) = d (1 + e.e) - u B u / 2,     B_k = 2 A' Q_k A,  A = J^-1,
 
 whose second derivatives are constants. If |T| < U over |u| < U and all |d| < D, and T contracts there, then all lengths between have one
-and only one assembly in that box, which changes smoothly with them, and the links hold the platform at it (Kantorovich; Rump,
-Verification methods, 2010, 13.3). The box of one pose is not all that is free: nothing is said beyond it.
+and only one assembly in that box, which changes smoothly with them, and the links hold the platform at it (Kantorovich; Rump, Verification
+methods, 2010, 13.3). The box of one pose is not the whole free region: beyond it there is no statement.
 """
 
 import numpy as np
@@ -38,7 +38,8 @@ class Around:
         self._C = np.abs(A[:3].T @ A[:3]) * (1.0 + SLACK)
 
     def sound(self, box: FloatArray) -> bool:
-        """Whether the assembly of the pose is proved to go on, never singular, over a box (6, 2) of lengths [mm] around its own."""
+        """Return whether the assembly of the pose is proved to continue, never singular, over a box (6, 2) of lengths [mm] around its
+        own."""
         if not self._holds or not ((box[:, 0] <= self.lengths) & (self.lengths <= box[:, 1])).all():
             return False
         off = np.abs(box**2 - (self.lengths**2)[:, None]).max(axis=1) / self._unit**2

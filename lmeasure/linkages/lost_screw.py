@@ -1,8 +1,8 @@
-"""Information of links that do not determine the pose: the screw that is lost, and the part of a motion that is determined.
+"""Information of links that do not determine the pose: the lost screw, and the determined part of a motion.
 
-At a singular pose the rows have a twist that changes no length: the screw that is lost. Any twist is a multiple of it and a part that the
-lengths do determine (thesis 4.5, 4.6: the twist reciprocal to all rows, and the twists orthogonal to it, a turn counted by what it moves
-at the platform's rim). Near one the same split holds for the screw that the lengths see least.
+At a singular pose the rows have a twist that changes no length: the screw that is lost. Any twist is the sum of a multiple of it and a part
+that the lengths determine (thesis 4.5, 4.6: the twist reciprocal to all rows, and the twists orthogonal to it, a turn counted by its way at
+the platform's rim). Near such a pose the same split holds for the screw that the lengths determine least.
 """
 
 from dataclasses import dataclass
@@ -39,12 +39,12 @@ class Screw:
 
 
 class Split:
-    """The split of the motions at a place (3,) of the body's origin: links by their Pluecker rows (m, 6) about it, of which the components
-    free (f,) are free, with lengths uncertain by u (m,) [mm]; size_mm: where a turn is counted, the body's rim."""
+    """The split of the motions at a place (3,) of the body's origin: links by their Pluecker rows (m, 6) about it, with the free components
+    free (f,), and uncertainties u (m,) [mm] of the lengths; size_mm: the body's rim, at which a turn is counted."""
 
     def __init__(self, rows: FloatArray, place: FloatArray, free: IntArray, u: FloatArray, *, size_mm: float) -> None:
         self.metric = np.repeat([size_mm**2, 1.0], 3)
-        """(6,) by which the squares of a twist's components are weighed, a turn counted at the body's rim."""
+        """(6,) weights of the squares of a twist's components, a turn counted at the body's rim."""
         self._scale = np.where(free < 3, 1.0 / size_mm, 1.0)
         self._free = free
         J = rows[:, free] * self._scale
@@ -80,5 +80,5 @@ class Split:
 
 
 def _sign(direction: FloatArray) -> float:
-    """That which makes the largest component positive."""
+    """Return the sign that makes the largest component positive."""
     return 1.0 if direction[np.argmax(np.abs(direction))] > 0.0 else -1.0

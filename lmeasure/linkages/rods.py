@@ -164,7 +164,7 @@ class RodLinks:
         return list(dict.fromkeys(e for pair in self.ends for e in pair if e.rod_mm > 0.0))
 
     def margins(self, poses: FloatArray) -> FloatArray:
-        """(..., rods) length [mm] by which each rod goes beyond the point T, or by which it ends before it."""
+        """Return (..., rods) length [mm] of each rod beyond the point T, negative if it ends before."""
         rho = self._axes(poses)[2][..., 0]
         at = [next((i, j) for i, pair in enumerate(self.ends) for j in (0, 1) if pair[j] == rod) for rod in self.rods]
         each = np.stack([rho[..., i, j] for i, j in at], axis=-1)

@@ -1,9 +1,10 @@
-"""Drives at a singular pose: the pose itself, which changes of lengths lead out of it, and which extra drives close it (thesis 4.2, 4.5).
+"""Drives at a singular pose: the pose itself, the changes of lengths that lead out of it, and the extra drives that close it (thesis 4.2,
+4.5).
 
 **Out of a flat pose.** Rows of rank 5 have one dependence u, sum u_i row_i = 0, and one lost twist T = (omega; v). Along T the lengths
-change by t^2 s_i / 2, s_i = (|a_i|^2 - (a_i . e_i)^2)/l_i + (omega x a_i) . e_i, a_i = v + omega x P_i; what a further motion adds to
-second order is a sum of the rows and has no part along u. So u . dl = t^2 (u . s) / 2 of all changes dl that can be reached: a drive whose
-u_i has the sign of u . s leads out when it lengthens and jams when it shortens, one of the other sign the other way round.
+change by t^2 s_i / 2, s_i = (|a_i|^2 - (a_i . e_i)^2)/l_i + (omega x a_i) . e_i, a_i = v + omega x P_i; the second order of a further
+motion is a sum of the rows and has no part along u. So u . dl = t^2 (u . s) / 2 of all changes dl that can be reached: a drive whose u_i
+has the sign of u . s leads out if it lengthens and jams if it shortens; for the other sign it is the reverse.
 
 **Extra drives.** A link is the chain of a universal joint at the base, a sliding pair, and a spherical one at the body. A twist is a sum of
 the chain's unit screws; a pair with a part of a lost twist moves by it, and a drive there acts with the force screw that does no work on
@@ -31,8 +32,8 @@ SETS = 20  # Sets of several extra drives that are listed
 class Drive:
     """A passive pair of a link's chain that may carry an extra drive.
 
-    link; pair: `base` or `body`; axis (3,) of its turn; rates (k,): of the pair by each lost twist, whose turn or shift is 1; exit_rate: by
-    the exit screw, NaN where there is none; wrench (6,) unit force screw (direction; moment) by which it acts on the body.
+    link; pair: `base` or `body`; axis (3,) of its turn; rates (k,): of the pair by each lost twist with turn or shift 1; exit_rate: by the
+    exit screw, NaN without one; wrench (6,) unit force screw (direction; moment) by which it acts on the body.
     """
 
     link: int
@@ -99,11 +100,11 @@ def leading_out(base: FloatArray, body: FloatArray, pose: FloatArray, rates: Flo
 def extra_drives(
     base: FloatArray, body: FloatArray, pose: FloatArray, *, axes: FloatArray | None = None, exit_twist: FloatArray | None = None
 ) -> list[Closing]:
-    """Sets of passive pairs that can carry the extra drives which close a singular pose (7,) of rank 5, 4 or 3: those at the base
+    """Return sets of passive pairs that can carry the extra drives which close a singular pose (7,) of rank 5, 4 or 3: those at the base
     first, the best first.
 
     axes (m, 2, 3): of the universal joint of each link; default: the axis about which the first lost twist turns the link, and that across.
-    exit_twist (6,): the screw by which the pose is to be left.
+    exit_twist (6,): the screw of the exit from the pose.
     """
     M, _, points = link_rows(base, body, pose)
     U, rank = np.linalg.svd(M)[0], _rank(M)

@@ -1,21 +1,21 @@
-"""Where the links of a body lose hold of it: determinant of their rows, its gradient as a twist, and what lies around a singular pose.
+"""Singular poses of a body on links: determinant of the rows, its gradient as a twist, and the neighbourhood of a singular pose.
 
-Everything is in the base frame: twists (omega; v) have v at its origin, and a link's row is (direction; moment) = (e; B x e), as the
-thesis prints its determinants (Rashoyan 2021, chapter 4). `pluecker.pluecker_rows` has the halves the other way round: the determinant's
-sign, no other difference. Points are joined in pairs: link i from base[i], in the base frame, to body[i], in the body's.
+Everything is in the base frame: twists (omega; v) have v at its origin, and a link's row is (direction; moment) = (e; B x e), as the thesis
+prints its determinants (Rashoyan 2021, chapter 4). `pluecker.pluecker_rows` has the halves the other way round: the determinant's sign, no
+other difference. Points are joined in pairs: link i from base[i], in the base frame, to body[i], in the body's.
 
 The gradient in closed form. With C the cofactors of the rows M, C_i = (c_i; d_i) those of link i, and a small motion by (omega; v),
 
     d det = sum_i c_i . de_i + d_i . (B_i x de_i) = sum_i (c_i + d_i x B_i) . de_i,     de_i = (1 - e_i e_i') (v + omega x P_i) / l_i,
 
 so that with g_i = (1 - e_i e_i')(c_i + d_i x B_i) / l_i the gradient is K = (sum_i P_i x g_i ; sum_i g_i). The cofactors exist at singular
-poses too. The increments that the thesis prints one by one (4.5, eqs. 4.30, 4.31; 4.6) are the columns of this sum, with a dozen
-misprints: r of B for r of P, squares missing, signs of the moments' third components.
+poses too. The increments that the thesis prints one by one (4.5, eqs. 4.30, 4.31; 4.6) are the columns of this sum, with a dozen misprints:
+r of B for r of P, squares missing, signs of the moments' third components.
 
 Architecturally singular rigs, whose links depend on each other at every pose, are determined from coordinates at poses taken at random:
-dimensions at which links hold a body anywhere hold it at almost all poses. The names are of the known kinds: all points of a body on one
-line, four links between points in the same ratios on two lines, and plane figures on conics of which one is a projective image of the
-other, as regular hexagons are (Roeschel and Mick, Characterisation of architecturally shaky platforms, 1998).
+dimensions that fix a body anywhere fix it at almost all poses. The names are of the known kinds: all points of a body on one line, four
+links between points in the same ratios on two lines, and plane figures on conics, one a projective image of the other, as regular hexagons
+are (Roeschel and Mick, Characterisation of architecturally shaky platforms, 1998).
 """
 
 import itertools
@@ -54,7 +54,8 @@ SOUND = 1e-3  # Determinant of rows of length one from which an inverse is as go
 
 
 def rim_mm(body: FloatArray) -> float:
-    """Where turns of a body with the points (m, 3) are counted: the largest distance of a point from their middle [mm], never 0."""
+    """Return the rim at which turns of a body with the points (m, 3) are counted: the largest distance of a point from their middle [mm],
+    never 0."""
     return max(float(np.linalg.norm(body - body.mean(axis=0), axis=1).max()), 1e-3)
 
 
@@ -107,9 +108,8 @@ def moved(poses: FloatArray, twists: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Hold:
-    """How well links hold a body, turns counted at its rim. rank of the rows; condition: of the rows, infinite where they do not hold it;
-    mm_per_mm: the largest motion of the rim by lengths that are off by 1 mm together, a number that a user can judge by where a determinant
-    depends on units."""
+    """Quality of a body's support by links, turns counted at its rim. rank of the rows; condition: of the rows, infinite if they do not fix
+    it; mm_per_mm: largest motion of the rim by length errors of 1 mm together, which you can judge without the determinant's units."""
 
     rank: int
     condition: float
@@ -147,8 +147,8 @@ class Neighbourhood:
 
     @property
     def topology(self) -> str:
-        """`plane` where the singular poses are a surface without curvature, to second order; `surface` where they are a curved one; where
-        the gradient vanishes `point` if determinants around have one sign, `cone` if both, `higher order` if not even curvature tells."""
+        """Return `plane` for singular poses on a surface without curvature, to second order; `surface` for a curved one. If the gradient
+        vanishes: `point` if determinants around have one sign, `cone` if both, `higher order` if curvature does not decide."""
         size = float(np.abs(self.bend).max())
         if len(self.twists) == 5:
             return "plane" if size * self.size_mm < FLAT else "surface"
@@ -192,7 +192,7 @@ def displacement_gradients(base: FloatArray, body: FloatArray, pose: FloatArray,
 
 
 def dependent(M: FloatArray) -> IntArray:
-    """Links (k,) whose rows (6, 6) depend on each other: those that a lost twist leaves without a say; none where all hold."""
+    """Return links (k,) whose rows (6, 6) depend on each other, those without effect on a lost twist; empty if the body is fixed."""
     U, s, _ = np.linalg.svd(M)
     lost = U[:, int((s > LOST * s[0]).sum()) :]
     return np.flatnonzero(np.linalg.norm(lost, axis=1) > 1e-6)
@@ -233,13 +233,13 @@ def line_pressure_angles(M: FloatArray, points: FloatArray, middle: FloatArray, 
 
 POSES = 6
 SINGULAR = 1e-5
-"""Of the largest singular value: below it at every pose, links depend. Rigs that hold a body have 1e-3 and more at most poses; coordinates
-of such a rig of half a metre that were rounded to the micrometre make some 1e-6."""
+"""Part of the largest singular value below which, at every pose, links depend. Rigs that fix a body have 1e-3 and more at most poses.
+Coordinates of a dependent rig of half a metre, rounded to the micrometre, make some 1e-6."""
 STRAIGHT = 1e-5  # of a figure's size: points so near to one line or plane are on it
 
 
 def architecturally_singular(base: FloatArray, platform: FloatArray) -> str | None:
-    """Why links from points base (6, 3) to points platform (6, 3) depend on each other at every pose; None where they do not."""
+    """Return why links from points base (6, 3) to points platform (6, 3) depend on each other at every pose; None if they do not."""
     a, b = base - base.mean(axis=0), platform - platform.mean(axis=0)
     size = max(np.abs(a).max(), np.abs(b).max())
     from scipy.spatial.transform import Rotation
@@ -261,13 +261,13 @@ def architecturally_singular(base: FloatArray, platform: FloatArray) -> str | No
 
 
 def _flatness(points: FloatArray, dimensions: int) -> bool:
-    """Whether points (k, 3) span no more than so many dimensions."""
+    """Return whether points (k, 3) span no more than so many dimensions."""
     s = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(s[dimensions] <= STRAIGHT * s[0])
 
 
 def _similar(a: FloatArray, b: FloatArray) -> bool:
-    """Whether the distances of both figures are in one ratio."""
+    """Return whether the distances of both figures are in one ratio."""
     of_a, of_b = (np.linalg.norm(points[:, None] - points, axis=2) for points in (a, b))
     ratio = np.sqrt((of_b**2).sum() / (of_a**2).sum())
     return bool(np.abs(of_b - ratio * of_a).max() <= STRAIGHT * of_b.max())

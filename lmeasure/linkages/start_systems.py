@@ -25,7 +25,8 @@ APART = 1e-6  # of points of length one
 
 @cache
 def one_of_two(structure: Structure) -> Structure:
-    """That with a start system: the structure, or the one with platform and base swapped, whose assemblies are the inverse poses."""
+    """Return the structure with a start system: itself, or the one with platform and base swapped, whose assemblies are the inverse
+    poses."""
     every = structures()
     return min(structure, structure.swapped, key=every.index)
 
@@ -87,13 +88,13 @@ def grown(structure: Structure, rng: np.random.Generator) -> tuple[ComplexArray,
 
 
 def not_linear(structure: Structure, links: ComplexArray, points: ComplexArray, rng: np.random.Generator) -> ComplexArray | None:
-    """(n,) what the trace test has of each of the assemblies points (n, 8) of links (6, 7): their sum is zero when they are all, and that
-    of a part of them is not (Sommese, Verschelde, Wampler, Symmetric functions applied to the decomposition of solution sets, 2002). Five
+    """Return (n,) the trace test's values of the assemblies points (n, 8) of links (6, 7). Their sum is zero for all assemblies together,
+    and not for a part of them (Sommese, Verschelde, Wampler, Symmetric functions applied to the decomposition of solution sets, 2002). Five
     links leave a curve of poses, on which one platform point has places y and z = y.y. A sixth link to it from a base point of its own is a
-    linear form in (y, z) with nothing special: its squared length, changed in equal steps, moves a linear slice in parallel. The sum of y
-    over all points of such slices moves in a straight line; were one missing, a loop in the length would exchange it for one of those that
-    are there. What is returned are second differences of a form of y. Where no base point has but one link, the same is done with platform
-    and base swapped; None where neither body has such a point, as in L-222-222. NaN where a path is lost."""
+    generic linear form in (y, z): its squared length, changed in equal steps, moves a linear slice in parallel. The sum of y over all
+    points of such slices moves in a straight line; were one missing, a loop in the length would exchange it for a present one. The values
+    are second differences of a form of y. If no base point has only one link, platform and base are swapped; None if neither body has such
+    a point, as in L-222-222. NaN if a path is lost."""
     ends, own = np.array(structure.links).T[::-1], structure.degrees
     if 1 not in own[1]:
         ends, links, points = ends[::-1], links[:, [3, 4, 5, 0, 1, 2, 6]], study_quadric.inverse(points)

@@ -1,9 +1,9 @@
-"""All assemblies of six straight links of given lengths, each proved, and whether that is all of them (thesis 4.1).
+"""All assemblies of six straight links of given lengths, each proved, with a test for completeness (thesis 4.1).
 
 Structures that tetrahedra solve have eight complex assemblies in closed form; of all others they are followed from a start system of the
-same structure (`starts`). What is found is proved one by one (`certified`). A structure has no more isolated assemblies than a platform
-of it without special dimensions, and special points no more than they have of lengths that are not special; where so many different ones
-are proved, real and complex ones together, nothing else can be there.
+same structure (`starts`). The found ones are proved one by one (`certified`). A structure has no more isolated assemblies than a generic
+platform of it, and special points no more than with generic lengths. If so many different ones are proved, real and complex ones together,
+there are no others.
 """
 
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class Assemblies:
     complex_found: int
     """Number of different assembly modes that are proved, real and complex."""
     complex_expected: int
-    """How many there are of lengths that are not special: of the structure's, or fewer where the points are."""
+    """Number of assemblies with generic lengths: of the structure, or fewer for special points."""
 
     @property
     def status(self) -> str:
@@ -103,8 +103,8 @@ def _followed(found: Incidence, rows: ComplexArray, a: FloatArray, b: FloatArray
 
 
 def _of_these_points(found: Incidence, a: FloatArray, b: FloatArray) -> int:
-    """How many complex assemblies links between these points have when their lengths are not special; 0 where that cannot be determined. Of
-    complex lengths drawn twice. Each path must end either at an assembly or, without doubt, where there is none."""
+    """Return the number of complex assemblies of links between these points with generic lengths, drawn twice; 0 if undetermined. Each path
+    must end either at an assembly or, without doubt, where there is none."""
     counts = set()
     for seed in (1, 2):
         rng = np.random.default_rng(seed)
@@ -117,7 +117,7 @@ def _of_these_points(found: Incidence, a: FloatArray, b: FloatArray) -> int:
 
 
 def _folds(a: FloatArray, b: FloatArray, lengths: FloatArray, near: FloatArray, known: FloatArray) -> FloatArray:
-    """(k, 7) poses whose lengths are as given but of which nothing is proved: two assemblies that meet, or nearly."""
+    """Return (k, 7) poses with the given lengths but without a proof: two assemblies that meet, or nearly."""
     out = list(known)
     for pose in near:
         for _ in range(50):

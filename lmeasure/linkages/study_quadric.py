@@ -11,7 +11,8 @@ Array = NDArray[Any]  # Real or complex
 
 
 def links(base: ComplexArray | FloatArray, platform: ComplexArray | FloatArray, squares: ComplexArray | FloatArray) -> ComplexArray:
-    """(6, 7) rows of links between points base (6, 3) and platform (6, 3) of squared lengths (6,): both points, and what is left."""
+    """Return (6, 7) rows of links between points base (6, 3) and platform (6, 3) of squared lengths (6,): both points, and the
+    remainder."""
     c = (base * base).sum(axis=-1) + (platform * platform).sum(axis=-1) - squares
     return np.concatenate([base, platform, c[..., None]], axis=-1).astype(np.complex128)
 

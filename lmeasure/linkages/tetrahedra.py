@@ -1,8 +1,8 @@
 """Assemblies of straight links in closed form, corner by corner of tetrahedra, of any number of sets of lengths at once (thesis 4.1).
 
-A structure says in which order (`Structure.placements`): points of the platform are placed in the base's frame, points of the base in the
-platform's, whichever have three known distances; what is placed gives the additional coordinates l7, l8 of the thesis. Each corner is on
-one of two sides, which makes eight ways. The formulas are the same for real and for complex points: all products are bilinear.
+The structure gives the order (`Structure.placements`): points of the platform are placed in the base's frame, points of the base in the
+platform's, as soon as three distances are known. Placed points give the additional coordinates l7, l8 of the thesis. Each corner is on one
+of two sides, which makes eight ways. The formulas are the same for real and for complex points: all products are bilinear.
 """
 
 from typing import Any
@@ -16,8 +16,8 @@ from lmeasure.linkages.topology import CLOSED_FORM_ASSEMBLIES, Incidence, incide
 
 Array = NDArray[Any]
 FLAT = 1e-7
-"""A tetrahedron whose squared height is above minus this part of its squared edges is taken for flat: two assemblies have met. Lengths
-cannot tell it from one that stands, for a height of 3e-4 of the edges changes them by less than 1e-7."""
+"""A tetrahedron whose squared height is above minus this part of its squared edges counts as flat: two assemblies have met. Lengths cannot
+distinguish it from one that is not, since a height of 3e-4 of the edges changes them by less than 1e-7."""
 CLOSES = 1e-9  # of the rig's size
 PIECE = 2000  # sets of lengths at a time, so that what they need stays near the processor
 

@@ -1,8 +1,8 @@
-"""Which links meet in which points: the structures of six links (thesis 2.1, 4.1, table 1.1).
+"""Structures of six links: the links that meet in each point (thesis 2.1, 4.1, table 1.1).
 
-A class L(n, m) and its degrees, `L-321-222`, platform first, say how many links meet in each point of the platform and of the base. They do
-not yet say which: a class holds several incidence graphs, and each is a structure of its own, written `L-321-222:abc-ab-c`, the base points
-of each platform point by letters. With platform and base distinguished, there are 60; 59 can determine a pose (Arzumanyan's number).
+A class L(n, m) and its degrees, `L-321-222`, platform first, count the links that meet in each point of the platform and of the base. They
+do not name them: a class has several incidence graphs, and each is a structure of its own, written `L-321-222:abc-ab-c`, the base points of
+each platform point by letters. With platform and base distinguished, there are 60; 59 can determine a pose (Arzumanyan's number).
 
 The drawings of tables 2.3 to 2.6 with the extended variants (thesis 2.2, 2.3) are lost. The numbers of `Variants` follow from the incidence
 graph, and agree with every number of the text (`tests/linkages/test_variants.py`).
@@ -25,8 +25,8 @@ from lmeasure.text import composed, message
 
 LINKS = 6
 DEGREES = ((3, 2, 1), (2, 2, 2), (3, 1, 1, 1), (2, 2, 1, 1), (2, 1, 1, 1, 1), (1, 1, 1, 1, 1, 1))
-"""Ways in which six links may meet on one side: in three to six points, at most three in one, for a fourth would only repeat what three
-say."""
+"""Numbers of links that may meet in points of one side: three to six points, at most three links in one, since a fourth would only repeat
+these."""
 CLOSED_FORM_ASSEMBLIES = 8  # Complex assemblies of every structure that tetrahedra solve: three corners, each on either side of a plane
 
 Links = tuple[tuple[int, int], ...]
@@ -36,7 +36,7 @@ Placement = tuple[str, int, tuple[tuple[str, int], ...]]
 
 @dataclass(frozen=True)
 class Structure:
-    """Links (platform point, base point), numbered from where most links meet, in the one order that stands for all numberings."""
+    """Links (platform point, base point), numbered from the point of most links, in the one order that represents all numberings."""
 
     links: Links
 
@@ -61,19 +61,19 @@ class Structure:
 
     @property
     def koliskor(self) -> str:
-        """`S3332`: points of the platform and of the base, most links in one of either; Koliskor's notation without its last two digits,
-        which tell structures of one class apart in a way that is not recorded."""
+        """Return `S3332`: points of the platform and of the base, most links in one of either; Koliskor's notation without its last two
+        digits, which distinguish structures of one class in an unrecorded way."""
         platform, base = self.degrees
         return f"S{len(platform)}{len(base)}{platform[0]}{base[0]}"
 
     @cached_property
     def swapped(self) -> "Structure":
-        """That in which platform and base have changed places."""
+        """Return the structure with platform and base swapped."""
         return structure_of([(b, p) for p, b in self.links])
 
     @cached_property
     def degenerate(self) -> str | None:
-        """Why this structure cannot determine a pose whatever its dimensions are, or None."""
+        """Return why this structure cannot determine a pose whatever its dimensions are, or None."""
         platform, base = self.degrees
         if min(len(platform), len(base)) < 3:
             return "links that meet in less than three points of a body leave it a turn"
@@ -88,7 +88,7 @@ class Structure:
 
     @cached_property
     def placements(self) -> tuple[Placement, ...] | None:
-        """The corners by which tetrahedra lead to a pose, in order; None where they do not (thesis 4.1, corrected).
+        """Return the corners by which tetrahedra lead to a pose, in order; None if they do not (thesis 4.1, corrected).
 
         A point of the platform ("P") is placed in the base's frame as soon as three of its distances to points placed there are known, one
         of the base ("B") in the platform's frame likewise. Each placed point has known distances to all points of the other body: these are
@@ -119,12 +119,12 @@ class Structure:
 
     @property
     def closed_form(self) -> bool:
-        """Whether tetrahedra find all assemblies."""
+        """Return whether tetrahedra find all assemblies."""
         return self.placements is not None
 
 
 def _settled(placed: dict[str, list[tuple[str, int]]]) -> bool:
-    """Whether three points are known in both frames: those of either body that are placed in the other's."""
+    """Return whether three points are known in both frames: those of either body that are placed in the other's."""
     return len(placed["P"]) + len(placed["B"]) >= 3
 
 
@@ -256,7 +256,7 @@ class Incidence:
 
     structure: Structure
     order: tuple[int, ...]
-    """Which of the given links is which of the structure's."""
+    """Index of each of the structure's links among the given ones."""
 
 
 def incidence(base: FloatArray, platform: FloatArray) -> Incidence:
@@ -274,7 +274,7 @@ def class_of(base: FloatArray, platform: FloatArray) -> str:
 
 
 def _same_places(points: FloatArray) -> list[int]:
-    """For each point the first one at its place."""
+    """Return for each point the first one at its position."""
     return [int(np.flatnonzero((points == point).all(axis=1))[0]) for point in points]
 
 

@@ -1,12 +1,12 @@
 """Boundary of the workspace in a plane of places, by following it (thesis Rashoyan 2021, 5.3).
 
 A slice is a plane through a place inside, the orientation kept: where the thesis scans along rays in small steps, here the boundary is met
-once by a ray and then followed along its tangent, each point put onto it by Newton's method. Where another limit takes over the corner is
-solved for, and the walk goes on along the other. It ends where it began (closed), or where it leaves the window (open): then it is followed
-the other way round too.
+once by a ray and then followed along its tangent, each point put onto it by Newton's method. Where another limit takes over, the corner is
+solved for, and the walk continues along the other. It ends at its beginning (closed), or at the window's edge (open): then it is followed
+in the other direction too.
 
-The walk's steps find how the boundary runs. How far the straight lines between its points are beside it is measured then, all at once, and
-points are put between them until they are within what was asked.
+The walk's steps find the course of the boundary. The distances of the straight lines between its points from it are then measured, all at
+once, and points are added until they are within the tolerance.
 """
 
 from dataclasses import dataclass
@@ -80,13 +80,13 @@ class Boundary:
         return self.places[: len(way)], way
 
     def distance_mm(self, place: FloatArray) -> float:
-        """From a place (2,) to the nearest of the lines between the places."""
+        """Return the distance from a place (2,) to the nearest of the lines between the places."""
         begin, way = self.lines
         along = np.einsum("ij,ij->i", place - begin, way) / np.maximum(np.einsum("ij,ij->i", way, way), 1e-300)
         return float(np.linalg.norm(begin + np.clip(along, 0.0, 1.0)[:, None] * way - place, axis=1).min())
 
     def crosses(self, place: FloatArray) -> bool:
-        """Whether the straight line from the slice's origin to a place (2,) crosses one of the lines between the places."""
+        """Return whether the straight line from the slice's origin to a place (2,) crosses one of the lines between the places."""
         begin, way = self.lines
         across = way[:, 0] * place[1] - way[:, 1] * place[0]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -96,7 +96,7 @@ class Boundary:
 
     @property
     def surrounds_origin(self) -> bool:
-        """Whether it is closed around the slice's origin: it bounds what it encloses, else it is the edge of a hole."""
+        """Return whether it is closed around the slice's origin: then it bounds its inside, else it is the edge of a hole."""
         begin, way = self.lines
         end = begin + way
         turned = np.arctan2(begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0], np.einsum("ij,ij->i", begin, end)).sum()
@@ -278,10 +278,11 @@ def _walk(
 def _beside(
     bounds: Bounds, plane: Slice, place: FloatArray, ahead: FloatArray, tangent: FloatArray, turned: FloatArray, way: float, to: float
 ) -> bool:
-    """Whether the step from a place on a limit to the next turns little, and all that lies beside it on the inner side is inside. Without
-    this the walk would go straight through a place where a limit crosses itself, or where two cells meet. Where an odd number of branches
-    meet, what lies beyond is inside again and no slope changes its sign; the outside shows beside the step alone, over a length as small as
-    the distance from it. So the parts looked at overlap from step to step: `to` is where this one ends, in parts of the step."""
+    """Return whether the step from a place on a limit to the next turns little, and everything beside it on the inner side is inside.
+    Without this the walk would go straight through a place where a limit crosses itself, or where two cells meet. Where an odd number of
+    branches meet, the region beyond is inside again and no slope changes its sign; the outside shows beside the step alone, over a length
+    as small as the distance from it. So the parts looked at overlap from step to step: `to` is where this one ends, in parts of the
+    step."""
     if float(turned @ tangent) < np.cos(TURN):
         return False
     chord = ahead - place
@@ -293,9 +294,9 @@ def _beside(
 def _around(
     bounds: Bounds, plane: Slice, place: FloatArray, tangent: FloatArray, way: float, radius: float
 ) -> tuple[FloatArray, FloatArray, int, float]:
-    """Where the boundary goes on from a corner without a tangent: a place at a radius, the tangent and the limit there, and the radius. One
-    looks around, from where one came through the inside to its other end; farther off where a limit is so flat beside the corner that
-    Newton's method fails, as where three of its branches meet."""
+    """Return the boundary's continuation from a corner without a tangent: a place at a radius, the tangent and the limit there, and the
+    radius. The search goes around, from the incoming side through the inside to its other end, farther off if a limit is so flat beside the
+    corner that Newton's method fails, as where three of its branches meet."""
     while True:
         on, along, which = _at_radius(bounds, plane, place, tangent, way, radius)
         if on is not None:
@@ -309,7 +310,7 @@ def _around(
 def _at_radius(
     bounds: Bounds, plane: Slice, place: FloatArray, tangent: FloatArray, way: float, radius: float
 ) -> tuple[FloatArray | None, FloatArray, int]:
-    """Return what `_around` looks for at one radius; no place where none is found."""
+    """Return the result of `_around` at one radius; no place if none is found."""
     back = float(np.arctan2(-tangent[1], -tangent[0]))
     angles = back - way * 2.0 * np.pi * (np.arange(LOOK) + 0.5) / LOOK
     inside = bounds.inside(plane.poses(place + radius * np.column_stack([np.cos(angles), np.sin(angles)])))
@@ -333,7 +334,7 @@ def _at_radius(
 
 
 def _passes(place: FloatArray, ahead: FloatArray, begun: FloatArray) -> bool:
-    """Whether the first place lies on the way from one place to the next."""
+    """Return whether the first place lies between one place and the next."""
     way, to = ahead - place, begun - place
     length = float(np.linalg.norm(way))
     along = float(way @ to) / max(length, 1e-300)

@@ -1,4 +1,4 @@
-"""Where a text table has its names, units and rows: one header, a commented one, or the several rows of motion capture programs.
+"""Layout of a text table: names, units and rows, with one header, a commented one, or the several rows of motion capture programs.
 
 Motive (NaturalPoint) writes a line of settings and rows Type, Name, ID, kind and axis; Nexus (Vicon) sections with a rate, a row of
 segments or markers, one of axes and one of units. Nexus states a segment's rotation as a rotation vector.
@@ -40,7 +40,7 @@ _HEADED = re.compile(r"(.+?)\s*[\[(]\s*([^\[\]()]+?)\s*[\])]")
 
 @dataclass(frozen=True)
 class Column:
-    """Where a quantity stands in a file: the column's name there, and its unit. text: the mapping as written, with the unit's brackets."""
+    """Place of a quantity in a file: the column's name there, and its unit. text: the mapping as written, with the unit's brackets."""
 
     name: str
     unit: str
@@ -67,7 +67,7 @@ def headed(name: str) -> tuple[str, str]:
 
 
 def columns_of(text: str) -> dict[str, Column]:
-    """Read `--columns`: columns by our names without units; SettingsError for what is no mapping."""
+    """Read `--columns`: columns by our names without units; SettingsError for a wrong mapping."""
     out: dict[str, Column] = {}
     for part in (p for p in text.split(",") if p.strip()):
         match = _MAPPED.fullmatch(part)
@@ -94,8 +94,9 @@ _NUMBER = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?")
 class Layout:
     """names of the columns, some perhaps twice or empty; rows: cells by line; units (by name) of a row of them; header: its line, from 0.
 
-    bodies: by name where each quantity of a rigid body stands; markers: likewise of single markers. angles: convention of orientations,
-    where the format fixes it; said: what the format is, empty of a plain table."""
+    bodies: the column of each quantity of a rigid body by its name; markers: likewise of single markers. angles: convention of
+    orientations, if the format fixes it; said: the format in words, empty for a plain table.
+    """
 
     names: list[str]
     rows: list[tuple[int, list[str]]]
@@ -189,12 +190,12 @@ def _cells(path: Path, lines: list[str], separator: str) -> list[list[str]]:
 
 
 def _separator(line: str) -> str:
-    """Return what stands between the cells of a line."""
+    """Return the separator of a line's cells."""
     return max((";", "\t", "|", ","), key=lambda s: (line.count(s) > 0, s != ",", line.count(s)))
 
 
 def _split(line: str) -> list[str]:
-    """Return the cells of a line by whatever separates them, blanks too."""
+    """Return the cells of a line by any separator, blanks too."""
     separator = _separator(line)
     return [cell.strip() for cell in (line.split(separator) if separator in line else line.split())]
 
@@ -204,8 +205,8 @@ def _is_number(cell: str) -> bool:
 
 
 def _header(path: Path, lines: list[str]) -> int:
-    """Return the line with the names of the columns: the first that has as many cells as the next and no number among them; where rows
-    begin at once, the comment above them. FileFormatError where a row of numbers stands there."""
+    """Return the line with the names of the columns: the first that has as many cells as the next and no number among them. If rows begin
+    at once, it is the comment above them. FileFormatError for a row of numbers there."""
     there = [i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENTS)]
     if not there:
         raise FileFormatError(message("error.has_no_rows_only", where=path))
@@ -349,7 +350,7 @@ def without_blanks(cells: Sequence[str]) -> list[str]:
 def plain(cells: Sequence[str], of_file: set[str], what: str) -> list[str]:
     """Return cells with decimal points and without thousands. of_file: marks that other columns of the file certainly have.
 
-    Cells that are no numbers stay as they are. FileFormatError, naming what, where "1.234" or "1,234" may be either.
+    Cells that are no numbers stay as they are. FileFormatError, naming `what`, if "1.234" or "1,234" may be either.
     """
     cells = without_blanks(cells)
     if not any("," in cell or cell.count(".") > 1 for cell in cells) and "," not in of_file:
@@ -399,13 +400,13 @@ class Times:
 
 
 def are_clock_times(cells: Sequence[str]) -> bool:
-    """Whether the first cell with anything in it is a clock time or a date with one."""
+    """Return whether the first cell with content is a clock time or a date with one."""
     first = next((cell for cell in cells if cell), "")
     return _CLOCK.fullmatch(first) is not None or _BASIC.fullmatch(first) is not None
 
 
 def clock_times(cells: Sequence[str], row: Callable[[int], str]) -> Times:
-    """Read clock times, with or without dates and zones; those without a date go on over midnight. row: what a complaint calls each.
+    """Read clock times, with or without dates and zones; those without a date continue over midnight. row: the name of each in an error.
 
     FileFormatError names the first cell that is none.
     """

@@ -37,31 +37,31 @@ from lmeasure.io.foreign.layout import (
 from lmeasure.text import message
 
 UNIT_TOLERANCE = 1e-3
-"""Of a quaternion's length: other programs write four digits."""
+"""Tolerance of a quaternion's length: other programs write four digits."""
 TIMES = ("time", "timestamp", "t")
 """Headers of a column of times, beside a unit of theirs or clock times."""
 INDEX = ("", "Unnamed: 0")
 """Names of a first column without a name: not at all, or by pandas, which has read and written it again."""
 _GROUPS = {"x": ("Position", "T"), "y": ("Position", "T"), "z": ("Position", "T")}
-"""Of several columns of one name in a header of several rows, those of places."""
+"""Group names that mark positions among several columns of one name, in a header of several rows."""
 
 
 class ForeignTable:
-    """A table whose columns are asked for by our own names; numbers come in millimetres and degrees."""
+    """A table with columns under our own names; numbers come in millimetres and degrees."""
 
     def __init__(self, path: Path, columns: Mapping[str, Column] | None = None, *, part: bool = False) -> None:
-        """columns: None where whoever asks has no --columns. part: --columns speaks of other files too, and what this one has not is one
-        of theirs; half a quaternion is none."""
+        """columns: None for a caller without --columns. part: --columns may name columns of other files too; half a quaternion is an
+        error."""
         self.path = Path(path)
         self._mapped, self._part = columns is not None, part
         self.lines: list[int] = []
-        """Where its rows stand in a text file."""
+        """Lines of its rows in a text file."""
         self._asked = set[str]()
         """Names by which columns were looked for."""
         self.read_as = ""
         """Reading of the orientation: columns and convention; empty before, and where there is none."""
         self.unread: tuple[str, ...] = ()
-        """Columns that look like angles, of a convention that nobody states."""
+        """Columns that look like angles of an unstated convention."""
         self.day = ""
         """Date of the first time, where clock times with dates were read."""
         self._marks: set[str] | None = None
@@ -89,7 +89,7 @@ class ForeignTable:
                     raise
 
     def _body(self, chosen: Column | None) -> dict[str, Column]:
-        """Return where the quantities of the chosen or only body stand, of formats that have bodies; FileFormatError lists them."""
+        """Return the columns of the chosen or only body, for formats with bodies; FileFormatError lists them."""
         there = {**self.layout.bodies, **self.layout.markers}
         if chosen is not None and there:
             if chosen.name not in there:
@@ -101,9 +101,9 @@ class ForeignTable:
         return next(iter(one.values())) if len(one) == 1 else {}
 
     def _resolved(self, name: str, column: Column) -> Column:
-        """Return a column as the file has it, from what --columns calls it: its whole header, or its name without the unit.
+        """Return a column in the file's form from its name in --columns: its whole header, or its name without the unit.
 
-        FileFormatError where it is missing, stands twice or is in another unit.
+        FileFormatError if it is missing, occurs twice or is in another unit.
         """
         own = self._names
         # a column may be stated by its number, from 1
@@ -130,7 +130,7 @@ class ForeignTable:
         return Column(found[0], unit or stated)
 
     def holds(self, name: str, column: Column) -> bool:
-        """Whether the table has a column that --columns states."""
+        """Return whether the table has a column that --columns states."""
         try:
             self._resolved(name, column)
         except FileFormatError:
@@ -139,7 +139,7 @@ class ForeignTable:
 
     @property
     def mapped(self) -> frozenset[str]:
-        """Our names of the columns that --columns says and the file has."""
+        """Return our names of the columns that --columns states and the file has."""
         return frozenset(self._columns)
 
     @property
@@ -156,8 +156,8 @@ class ForeignTable:
         return len(self._table)
 
     def find(self, name: str, unit: str = "") -> Column | None:
-        """Return where a quantity stands: as --columns says, else under its name with a unit as ours or as others write it (`x_mm`,
-        `X [m]`, or a row of units); times by clock need no unit."""
+        """Return the column of a quantity: by --columns, else under its name with a unit in our or others' form (`x_mm`, `X [m]`, or a row
+        of units); times by clock need no unit."""
         self._asked.add(name)
         kind = COLUMN_KINDS.get(unit, {})
         if name in self._columns:
@@ -182,7 +182,7 @@ class ForeignTable:
         return pa.types.is_timestamp(kind) or (pa.types.is_string(kind) and are_clock_times(self._table.text(column)[:20]))
 
     def nothing_else(self) -> None:
-        """When all is read: SettingsError names what --columns says of something that is not."""
+        """Raise SettingsError for columns in --columns that do not exist, after all is read."""
         for name, column in self._columns.items():
             if name not in self._asked | ANGLES:
                 known = ", ".join(sorted(n for n in self._asked - ANGLES if not n.endswith(("_mm", "_rad"))))
@@ -192,9 +192,9 @@ class ForeignTable:
     def orientation(self, preferred: AngleConvention | None = None, *, likely: str | None = None, gaps: bool = False) -> FloatArray | None:
         """Return (n, 4) quaternions x, y, z, w of unit length, from `qx` ... `qw` or the angles of a controller's convention.
 
-        preferred: the convention that is stated for the file. likely: the program's, which counts where units do not speak against it.
-        NaN in a row without one where gaps are allowed; None where there is no such column. FileFormatError names a row whose quaternion
-        is none, what of a quaternion is missing, or the conventions among which nothing decides.
+        preferred: the convention that is stated for the file. likely: the program's, used unless the units contradict it. NaN in a row
+        without one if gaps are allowed; None without such a column. FileFormatError names a row with a wrong quaternion, the missing part
+        of a quaternion, or the conventions among which nothing decides.
         """
         if all(self.find(name) for name in QUATERNION_COLUMNS):
             out = np.column_stack([self.numbers(name, gaps=gaps) for name in QUATERNION_COLUMNS])
@@ -216,7 +216,7 @@ class ForeignTable:
         return None
 
     def _angles(self, convention: AngleConvention) -> tuple[Column, ...]:
-        """Return where the three angles stand, each with the unit that is stated of it, if any; nothing where one is missing."""
+        """Return the columns of the three angles, each with its stated unit, if any; empty if one is missing."""
         out = []
         for name in (n.rsplit("_", 1)[0] for n in convention.columns):
             column = self.find(name, "deg")
@@ -226,10 +226,10 @@ class ForeignTable:
         return tuple(out)
 
     def _convention(self, stated: str | None, likely: str | None) -> AngleConvention | None:
-        """Return the convention in which the file's angles are, None where there are none or a foreign header alone names them.
+        """Return the convention of the file's angles, None without angles or with a foreign header alone.
 
-        The stated one counts first, in any unit, then the one that the format fixes; else the program's, or what the unit tells. What is
-        left is asked for.
+        The stated one counts first, in any unit, then the one that the format fixes; else the program's, or that of the unit. Otherwise the
+        user must state it.
         """
         there = {name: found for name, each in CONVENTIONS.items() if (found := self._angles(each))}
         for one in (stated, self.layout.angles):
@@ -277,8 +277,8 @@ class ForeignTable:
         return out
 
     def row_names(self, *called: str) -> list[str] | None:
-        """Return what the rows are called: the cells of the first of these columns, else of a first column without a name, as pandas writes
-        its index; None where neither is there."""
+        """Return the names of the rows: the cells of the first of these columns, else of a first column without a name, as pandas writes
+        its index; None without either."""
         name = next((name for name in called if self.find(name)), None)
         if name is not None:
             return self.text(name)
@@ -286,7 +286,7 @@ class ForeignTable:
         return self._table.text(first) if first in INDEX else None
 
     def row(self, index: int) -> str:
-        """Which row that is, for a complaint: file and line."""
+        """Return the file and line of a row, for an error."""
         return f"{self.path}: line {self.lines[index]}" if self.lines else f"{self.path}: row {index + 1}"
 
     def numbers(self, name: str, unit: str = "", *, gaps: bool = False) -> FloatArray:
@@ -369,7 +369,7 @@ def _squeezed(text: str) -> str:
 
 
 def _table(path: Path, layout: Layout) -> tuple[files.Table, list[str], set[str]]:
-    """Return a table of texts, the names of its columns, and those that stand twice, of which only the first can be read."""
+    """Return a table of texts, the names of its columns, and those that occur twice, with only the first readable."""
     twice = {name for name in layout.names if name and layout.names.count(name) > 1}
     columns: dict[str, Any] = {}
     for i, name in enumerate(layout.names):

@@ -56,7 +56,7 @@ FILE_KINDS = {
     ),
     "structure": Kind("structure.toml", "lmeasure.structure.links", "StructureFile"),
 }
-"""By the names that `lmeasure schema` takes."""
+"""Kinds of files by their names in `lmeasure schema`."""
 
 
 def shipped(name: str) -> str:

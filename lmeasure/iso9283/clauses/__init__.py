@@ -1,7 +1,7 @@
-"""The tests of ISO 9283:1998: their windows, their figures with their uncertainties, what excludes them and what they note.
+"""The tests of ISO 9283:1998: their windows, their figures with their uncertainties, their exclusions and notes.
 
-Each module states all about its own characteristics; a new test is its file and a word in `CLAUSES`. Other packages add theirs by the entry
-point `lmeasure.characteristics` (docs/extending.md): a program names them, and only then are they looked for.
+Each module contains all about its own characteristics; a new test is its file and a word in `CLAUSES`. Other packages add theirs by the
+entry point `lmeasure.characteristics` (docs/extending.md), which is read only for a program that names them.
 """
 
 from collections.abc import Iterable

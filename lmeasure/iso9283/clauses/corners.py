@@ -1,9 +1,8 @@
-"""Cornering round-off and overshoot (clause 8.5): how near a robot comes to them, and how far beyond the
-next line it goes.
+"""Cornering round-off and overshoot (clause 8.5): how near a robot comes to them, and how far beyond the next line it goes.
 
-The overshoot is the largest of all samples behind a corner. Of a robot that stays on the line that is the largest of as many errors, though
-in truth nothing overshoots: what the law of its error is drawn at must be the deviations of all samples that may be the largest in
-truth, and not those about the sample that happened to be.
+The overshoot is the largest of all samples behind a corner. For a robot that stays on the line that is the largest of as many errors,
+without a true overshoot. So the law of its error is drawn at the deviations of all samples that may be the largest in truth, not only near
+the largest measured one.
 """
 
 from collections.abc import Iterator
@@ -29,9 +28,9 @@ NEAR = 50  # samples on either side of the nearest that a corner is seen by
 MOST_BEHIND = 300
 """Samples behind a corner: of more, means of neighbours are taken."""
 REACH = 8.0
-"""Standard deviations below the farthest: what lies farther below is not the farthest in any draw."""
+"""Standard deviations below the farthest sample beyond which none can be the farthest in any draw."""
 INSIDE = 4.0
-"""Standard deviations on the inner side of the line: what lies farther in has not come to it yet."""
+"""Standard deviations on the inner side of the line beyond which a sample has not reached it yet."""
 CHANCE = 0.01
 """Probability with which errors alone look like an overshoot."""
 NOWHERE = -1e9  # mm
@@ -103,8 +102,8 @@ class Passing:
     of_curve: bool = False
 
     def unseen(self, corner: Corner, covariance: FloatArray, u_time_s: float) -> tuple[FloatArray, float]:
-        """How far (3,) [mm] the nearest point may be off along its direction from the corner, and how far beyond its samples [mm] the path
-        may go behind the second line, by samples of this covariance (3, 3) [mm²] and uncertainty of times."""
+        """Return the possible error (3,) [mm] of the nearest point along its direction from the corner, and how far beyond its samples [mm]
+        the path may go behind the second line, for samples of this covariance (3, 3) [mm²] and uncertainty of times."""
         if self.hidden is None or len(self.ends) == 0:
             return np.zeros(3), 0.0
         bound, where = self.hidden.bound(covariance, u_time_s)
@@ -126,7 +125,7 @@ class Passing:
 
 
 def at_corner(cycle: Cycle, corner: Corner, what: str) -> Passing:
-    """Return how a cycle passes a corner; what: the cycle, for CertificationError when it does not."""
+    """Return the passing of a corner by a cycle; what: the name of the cycle in a CertificationError."""
     near = np.flatnonzero((cycle.way_mm > corner.way_mm - 0.5 * corner.before_mm) & (cycle.way_mm < corner.way_mm + 0.5 * corner.after_mm))
     if len(near) < 2:
         raise CertificationError(message("error.has_samples_within_half", where=what, n_near=len(near), number=corner.number))
@@ -285,8 +284,7 @@ class CornerPart:
 
     @property
     def errors(self) -> PoseErrors:
-        """Return the values of the n nearest points, read between samples, and the n k others: the largest of many is larger than what
-        they are of."""
+        """Return the values of the n nearest points, read between samples, and the n k others: the largest of many has a bias."""
         n, k = len(self.passed), self._about[0].shape[1] + self._others[0].shape[1]
         if self.every is not None:
             # rows that others fill have no size: any errors do
@@ -314,10 +312,11 @@ class CornerPart:
 
 
 def _likely(beyond: FloatArray, random: float, common: float, root: FloatArray | None = None) -> FloatArray:
-    """(k,) deviations as likely as those measured (k,), which err by a random variance each and a common one, or by root z, root (k, q).
+    """Return (k,) deviations as likely as the measured ones (k,), which have a random variance each and a common one, or errors root z,
+    root (k, q).
 
-    Where the path comes from, on the inner side, it may jump, and nothing there can be the farthest beyond: waves are of what follows. A
-    robot that is seen no farther beyond than errors alone would make of one that stays on the line is taken for such a one.
+    On the inner side, where the path comes from, it may jump, and nothing there can be the farthest beyond: waves begin behind it. A robot
+    no farther beyond than errors alone explain is taken to stay on the line.
     """
     beyond = beyond.copy()
     near = np.flatnonzero(beyond >= -INSIDE * np.sqrt(random + common))

@@ -27,7 +27,7 @@ class GroupTest(IsoTest):
 
     @property
     def make(self) -> Maker:
-        """Return what its figures have in common."""
+        """Return the common function of its figures."""
         return Maker(cycles=len(self.groups), needs=(self.subject,), pose=self.subject.name, angles=self.convention)
 
 
@@ -65,8 +65,8 @@ class DriftTest(GroupTest):
 
 
 def tests(attained: Attainment) -> Iterator[GroupTest]:
-    """Return the tests of every pose that has windows, several directions or robots; drift as the program asks for it, of two whole groups
-    at least."""
+    """Return the tests of every pose with windows, several directions or robots; drift for a program that wants it, of at least two whole
+    groups."""
     known = [pose for pose in attained.program.pose if pose.name in attained.poses]
     for pose in known:
         if len(set(pose.approaches)) > 1:

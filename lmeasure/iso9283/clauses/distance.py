@@ -14,7 +14,7 @@ from lmeasure.recording import Distance
 from lmeasure.text import message
 
 USUAL = ["P2", "P4"]
-"""Between them the standard has it, where the program asks for no distance."""
+"""Poses of the distance in the standard, for a program without one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +42,7 @@ class DistanceTest(IsoTest):
 
 
 def tests(attained: Attainment) -> Iterator[DistanceTest]:
-    """As the program asks for them, by default of `USUAL` or the first two poses. CertificationError names one that cannot."""
+    """Yield the program's distances, by default `USUAL` or the first two poses. CertificationError names an impossible one."""
     poses = attained.poses
     asked = list(attained.program.distance)
     if not asked:

@@ -19,7 +19,7 @@ from lmeasure.iso9283.uncertainty import NORMAL_95_ONE_SIDED, Part, of_crossing
 from lmeasure.trajectory import PoseErrors, Stamps, of_crossings
 
 CENTRAL = 0.5
-"""Of a line between corners: velocities are taken in its middle (8.6.1), where the robot neither starts nor turns."""
+"""Middle part of a line between corners in which velocities are taken (8.6.1): there the robot neither starts nor turns."""
 
 DOUBT_OF_MEAN, DOUBT_OF_SCATTER = 1.0, NORMAL_95_ONE_SIDED
 """See `waves.reduced`. Repeatabilities are the largest of many figures of few cycles each, which errors enlarge more than all else."""
@@ -40,7 +40,7 @@ class PathTest(IsoTest):
         return self.crossings.samples.ravel()
 
     def excludable(self, errors: SampleErrors) -> PoseErrors:
-        """See `IsoTest`: of the places, whatever the instants are."""
+        """Return errors of the positions at any instants; see `IsoTest`."""
         c = self.crossings
         single = errors(c.samples.ravel())
         return of_crossings(single, c.weights, c.step, c.scatter) if single.rounded else single
@@ -152,8 +152,8 @@ class PathPart:
         self._states[True] = Planes(less, less_angles, less_turn, less_speed)
 
     def _likely(self, values: FloatArray, stretch: IntArray, rows: FloatArray, to: FloatArray) -> FloatArray:
-        """Values as likely as those measured (q, n, c), at places in stretches (q,); they err by rows (q, m) of what to (m, c, 6) makes
-        of the errors at the planes. Of means over cycles the errors have another power than of what cycles differ by."""
+        """Return values as likely as the measured ones (q, n, c), at places in stretches (q,). Their errors are rows (q, m) of `to` (m, c,
+        6) times the errors at the planes. Errors of means over cycles and of differences between cycles have different powers."""
         m, n = self.crossings.time_s.shape
         random = self.errors.random.reshape(m, n, 6, 6).mean(axis=1)
         factors = self.errors.factors.reshape(m, n, 6, -1).mean(axis=1)

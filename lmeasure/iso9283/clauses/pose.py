@@ -144,8 +144,8 @@ class PosePart:
 
 
 def _reduced(values: FloatArray, laws: Sequence[FloatArray], groups: IntArray) -> FloatArray:
-    """Deviations (n, d) from the commanded with their mean, the means of their groups about it and the scatter within groups reduced by
-    what errors have added. laws: covariances (d, d) of the errors of one, of the mean, and of the mean of each group."""
+    """Return deviations (n, d) from the command with their mean, the means of their groups about it and the scatter within groups reduced
+    by the part of errors. laws: covariances (d, d) of the errors of one, of the mean, and of the mean of each group."""
     axes, mean = values.shape[1], values.mean(axis=0)
     out = np.tile(reduction_of_mean((mean**2).sum(), np.trace(laws[1]), axes) * mean, (len(values), 1))
     away = np.empty_like(values)
@@ -168,11 +168,11 @@ def _reduced(values: FloatArray, laws: Sequence[FloatArray], groups: IntArray) -
 
 
 def _alike(away: FloatArray, groups: IntArray, law: FloatArray, square: float, less: float) -> FloatArray:
-    """Scatter (n, d) within groups with its size reduced to `less` of it, and what the groups' repeatabilities differ by to the least that
-    could have been measured so large.
+    """Return scatter (n, d) within groups with its size reduced to `less` of it, and the differences of the groups' repeatabilities to the
+    least that could have been measured so large.
 
-    Of k degrees of freedom the mean square S + E, E of the errors, is known to 2 tr E^2 + 4 tr(E S) over k, the repeatability to half as
-    much of itself.
+    With k degrees of freedom the variance of the mean square S + E, E of the errors, is 2 tr E^2 + 4 tr(E S) over k; the relative variance
+    of the repeatability is a quarter.
     """
     sizes = np.bincount(groups)
     of_robot = max(square - float(np.trace(law)), 0.0)
@@ -206,7 +206,7 @@ def groups_of(name: str, cycles: int, program: Program) -> IntArray:
 
 
 def of_rests(errors: PoseErrors, pose: AttainedPose, groups: IntArray) -> PoseErrors:
-    """Errors of the means of a pose's dwells, which stand in groups (n,) at one place each, from those of single samples."""
+    """Return errors of the means of a pose's dwells, in groups (n,) at one position each, from those of single samples."""
     if errors.rounded:
         # what means scatter by because robots swing is not where they rest
         scatter = pose.scatter_within(groups) - pose.vibration.of_mean

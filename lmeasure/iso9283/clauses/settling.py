@@ -1,7 +1,7 @@
 """Settling of a robot: pose stabilisation time and overshoot (clauses 7.4 and 7.5), and minimum posing time (clause 9).
 
-Limits are crossed and extremes taken between samples: `motion_readings` says how a motion is read there and what it errs by.
-Errors common to the run cancel in distances from where the robot stands.
+Limits are crossed and extremes taken between samples: `motion_readings` describes the reading of a motion there and its errors. Errors
+common to the run cancel in distances from the robot's rest.
 """
 
 from collections.abc import Iterator, Mapping
@@ -35,7 +35,7 @@ class RestTest(IsoTest):
         return self.at
 
     def band(self, known: Known, needs: str) -> float:
-        """The limit band [mm]; CertificationError, which says what it needs, where none is known."""
+        """Return the limit band [mm]; CertificationError names its need if none is known."""
         band = self.limit_band_mm or known.get(CharacteristicKey("RP_l", self.pose))
         if band is None:
             raise CertificationError(needs)

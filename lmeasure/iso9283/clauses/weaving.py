@@ -18,13 +18,13 @@ from lmeasure.text import message
 from lmeasure.trajectory import PoseErrors, Stamps, of_neighbours
 
 FAR = 0.1
-"""Of what a cycle sways, or of the commanded stroke: an excursion to a side, not noise about the middle."""
+"""Smallest part of a cycle's sway, or of the commanded stroke, that is an excursion to a side and not noise about the middle."""
 ABOUT, PART = 7, 6
 """Samples on either side of the farthest that may be the farthest in truth: so many at most, and a sixth of the stroke's."""
 RESOLVED = 3.0
 """Percent that every other sample takes off a stroke at most, where the samples resolve it."""
 SEEN = 3
-"""Samples on either side of the farthest by which what lies between them is given, where it may be at fewer."""
+"""Samples on either side of the farthest by which the value between them is read, fewer if there are fewer."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class WeavePart:
 
     @classmethod
     def of(cls, cycles: tuple[Weave, ...], errors: PoseErrors) -> "WeavePart":
-        """With the errors of single samples; rounded counts are what samples near each other have in common."""
+        """Return the part with the errors of single samples; rounded counts are common to neighbouring samples."""
         if not errors.rounded:
             return cls(cycles, errors)
         step, row, first = [], [], 0
@@ -186,8 +186,8 @@ class WeaveTest(IsoTest):
         return out
 
     def _between_percent(self, stroke_mm: float) -> float:
-        """How far WS [%] may be off by crests between samples: what leaving out every other sample makes of strokes, by the cubics' own
-        order where that is little of them."""
+        """Return the error of WS [%] by crests between samples: the change of strokes without every other sample, by the cubics' own order
+        if that is small."""
         if self.fewer is None:
             return 100.0
         every, half = (float(iso.weaving_stroke_error(_strokes(_farthest(c)), stroke_mm)) for c in (self.cycles, self.fewer))

@@ -1,4 +1,4 @@
-"""The tests of ISO 9283:1998 as a robot runs them: the program that says what is measured, and the list of commands that does it."""
+"""The tests of ISO 9283:1998 as a robot runs them: the program with the measured parts, and the list of commands for it."""
 
 import itertools
 import math
@@ -18,7 +18,7 @@ from lmeasure.text import message
 PLANES = ("C1-C2-C7-C8", "C2-C3-C8-C5", "C3-C4-C5-C6", "C4-C1-C6-C7")
 POSES = ("P1", "P2", "P3", "P4", "P5")
 INSET = 0.1
-"""Of a diagonal: how far from its ends P2 to P5 lie."""
+"""Distance of P2 to P5 from the ends of a diagonal, as a part of it."""
 _CORNERS = np.array([[1, 1, -1], [1, -1, -1], [-1, -1, -1], [-1, 1, -1], [1, 1, 1], [1, -1, 1], [-1, -1, 1], [-1, 1, 1]], dtype=np.float64)
 
 
@@ -88,10 +88,10 @@ class Tests:
     """Tests and their settings.
 
     tests: names of `TESTS`; quaternion (4,): the tool's orientation, base frame; speed_mm_s: rated speed between poses, path_speed_mm_s: on
-    paths; speeds_percent of them and loads_kg: conditions of the pose and path tests, the first for all others; dwell_s: rest at a pose
-    that is measured, of which the first settle_s are left out; cycles: other numbers than the standard's `CYCLES`; drift_s: how long the
-    drift test lasts, drift_every_s: from group to group; weave_mm: stroke and way of one weave; limit_band_mm:
-    about a pose at rest, within which the robot has arrived (settling and posing); angles: convention of component-wise angles.
+    paths; speeds_percent of them and loads_kg: conditions of the pose and path tests, the first for all others; dwell_s: rest at a measured
+    pose, without its first settle_s; cycles: other numbers than the standard's `CYCLES`; drift_s: duration of the drift test,
+    drift_every_s: from group to group; weave_mm: stroke and way of one weave; limit_band_mm: about a pose at rest, within which the robot
+    has arrived (settling and posing); angles: convention of component-wise angles.
     """
 
     __test__ = False  # no test of pytest's
@@ -165,7 +165,7 @@ APPROACHES = ("x", "y", "z")
 FROM_THREE_SIDES = ("P1", "P2", "P4")
 POSING_MM = (-1.0, 2.0, -5.0, 10.0, -20.0, 50.0, -100.0, 200.0, -500.0, 1000.0)
 TURN_RAD = math.radians(10.0)
-"""On a path with reorientation, to both sides."""
+"""Turn to both sides on a path with reorientation."""
 LARGE_CIRCLE, SMALL_CIRCLE = 0.8, 0.08
 """Diameters, of the cube's edge."""
 APPROACH = 0.2
@@ -210,7 +210,7 @@ _Points = dict[str, FloatArray]
 
 
 def _conditions(tests: Tests) -> Iterator[tuple[str, float, float]]:
-    """What names end with, the speed [%] and the load [kg]; the first condition's names are the plain ones."""
+    """Yield the ends of names, the speed [%] and the load [kg]; the first condition has the plain names."""
     for i, (load, percent) in enumerate(itertools.product(tests.loads_kg, tests.speeds_percent)):
         words = [f"{percent:g} %"] if percent != tests.speeds_percent[0] else []
         words += [f"{load:g} kg"] if load != tests.loads_kg[0] else []
@@ -385,7 +385,7 @@ def _tuples(value: object) -> object:
 def _along(
     path: CommandedPath, tests: Tests, cycles: int, *, across: FloatArray | None = None, load_kg: float | None = None
 ) -> list[Command]:
-    """To the start of the path and a rest, then along it, over and over."""
+    """Return the commands to the start of the path and a rest, then along it, in all cycles."""
     assert path.speed_mm_s is not None
     corners, quaternion = path.corners(), np.array(path.quaternion_xyzw)
     speed = path.speed_mm_s

@@ -52,7 +52,7 @@ def write_campaign(out: Path, plan: Campaign) -> None:
 
 
 def write_commands(path: Path, plan: Campaign) -> None:
-    """One row per move (.csv or .parquet): linear, or by arcs, of which a circle has two with a point on the way (`via`) each.
+    """Write one row per move (.csv or .parquet): linear, or by arcs; a circle has two, each with an intermediate point (`via`).
 
     Columns: command (from 1), target, role, cycle, move, pose, speed_mm_s, dwell_s behind the move, load_kg, and the force at the tool.
     """
@@ -83,9 +83,9 @@ def write_commands(path: Path, plan: Campaign) -> None:
 
 
 def read_commands(path: Path) -> tuple[Command, ...]:
-    """The commands of such a list, for who carries them out; arcs are straight pieces of a circle's `CIRCLE_STEPS`-th.
+    """Return the commands of such a list for a performance; arcs are straight pieces of a circle's `CIRCLE_STEPS`-th.
 
-    FileFormatError names the file and what is missing.
+    FileFormatError names the file and the missing part.
     """
     table = files.read_table(path)
     if len(table) == 0:
@@ -156,7 +156,7 @@ def write_robodk(path: Path, plan: Campaign) -> None:
 
 
 def _quarters(command: Command) -> IntArray:
-    """Which poses of a circle end its quarters."""
+    """Return the poses of a circle that end its quarters."""
     return np.arange(1, 5) * (len(command.poses) // 4) - 1
 
 
@@ -179,10 +179,10 @@ class RobotRun:
 
 
 def simulate_robot(scenario: Scenario, rig: Rig, folder: Path, source: str = "scenario") -> RobotRun:
-    """Let the scenario's robot go through its waypoints, or what its file tells it, in the folder if relative, and read the counts.
+    """Let the scenario's robot go through its waypoints, or the program in its file (in the folder if relative), and read the counts.
 
-    The robot stands so that its tool is at the scenario's start when it is at home, where the scenario does not say where it stands.
-    FileFormatError or RobotError says what cannot be read, or names the command that the robot cannot carry out.
+    By default the robot's base is placed so that its tool at home is at the scenario's start. FileFormatError or RobotError names the
+    unreadable part, or the command that the robot cannot carry out.
     """
     asked = scenario.robot
     if asked is None:
@@ -241,7 +241,7 @@ def _drawn(name: str, folder: Path, source: str) -> AnyRobot:
 
 
 def _built(asked: TestedRobot, drawn: AnyRobot, rng: np.random.Generator, source: str) -> AnyRobot:
-    """With its errors, those that are drawn first."""
+    """Return the robot with its errors, drawn ones first."""
     parameters = drawn.model.parameters
     errors = {}
     for p, unit in zip(parameters, rng.normal(size=len(parameters)), strict=True):
@@ -256,8 +256,8 @@ def _built(asked: TestedRobot, drawn: AnyRobot, rng: np.random.Generator, source
 
 
 def _performed(scenario: Scenario, asked: TestedRobot, folder: Path, robot: SimulatedRobot, drawn: AnyRobot) -> tuple[bool, Performance]:
-    """Whether it went through the commands of a program, which has a file of its own, and how it went: straight through waypoints or
-    commands, or by its joints through a table of their values."""
+    """Return whether it ran a program with a file of its own, and its performance: straight through waypoints or commands, or by its joints
+    through a table of their values."""
     motion, rng = scenario.motion, np.random.default_rng([scenario.seed, 2])
     if asked.commands is None:
         ways = [Command(leg.pose[None], leg.speed_mm_s, leg.dwell_s, rotation_rad_s=leg.rotation_speed_rad_s) for leg in scenario.legs()]
@@ -278,8 +278,8 @@ def _attained(drawn: AnyRobot, nominal: Mounted, poses: FloatArray) -> FloatArra
 
 
 def _program(drawn: AnyRobot, nominal: Mounted, done: Performance) -> Program | None:
-    """What `certify` holds the rests against: each pose once, by its name or as P1, P2, ..., with the second half of each rest there, when
-    its servos have settled, as a window."""
+    """Return the program whose rests `certify` evaluates: each pose once, by its name or as P1, P2, ..., with the second half of each rest
+    there, after its servos have settled, as a window."""
     rests = [(c, s) for c, s in zip(done.commands, done.spans, strict=True) if c.dwell_s > 0.0]
     if not rests:
         return None
@@ -304,7 +304,7 @@ def _program(drawn: AnyRobot, nominal: Mounted, done: Performance) -> Program | 
 
 
 def _home(drawn: AnyRobot) -> FloatArray:
-    """(7,) base_from_flange where it stands when nothing else is said."""
+    """Return the (7,) default base_from_flange of the robot."""
     if isinstance(drawn, ParallelFile | PlatformFile):
         return drawn.model.home
     return np.asarray(drawn.model.forward(_rest(drawn)[None])[0])

@@ -1,8 +1,8 @@
-"""When a robot ran its program: the rests of a trajectory assigned to the commands of a commands.csv.
+"""Times of a robot's program: the rests of a trajectory assigned to the commands of a commands.csv.
 
-Commands and rests follow each other in one order. A rest belongs to a command where it is near the commanded place, where the way since the
-rest of the command before is as long as commanded, and where it did not take much less or more time. Rests that belong to none, as one
-that was broken by a sample that lies off, are passed over. Of all assignments the least costly counts (dynamic programming).
+Commands and rests follow each other in one order. A rest belongs to a command if it is near the commanded position, if the path since the
+previous command's rest is as long as commanded, and if its duration is similar. Other rests, such as one broken by an outlying sample, are
+skipped. The assignment of least cost is used (dynamic programming).
 """
 
 from collections.abc import Sequence
@@ -24,23 +24,24 @@ from lmeasure.text import Message, message
 from lmeasure.trajectory import Trajectory, rests, settled
 
 SETTLED = 0.5
-"""Of a rest: its last part is measured."""
+"""Last part of a rest, which is measured."""
 SHORTER, LONGER = 0.4, 1.4
-"""Of the commanded way: shorter or longer by more, it is another motion. A robot that is fast cuts corners, and small circles."""
+"""Limits of a path over the commanded one: a shorter or longer one is another motion. A fast robot cuts corners and small circles."""
 MISSES = 4.0
-"""Times by which the robot misses its places: so much shorter or longer the way may be besides."""
+"""Multiple of the robot's misses by which a path may be shorter or longer besides."""
 CORNER_MM = 2.0
-"""By which a way that is very short may be longer or shorter, too."""
+"""Length by which a very short path may also be longer or shorter."""
 STEP_S = 0.02
-"""In which ways are measured: noise of single samples is no way."""
+"""Step in which paths are measured: noise of single samples is no path."""
 FASTER, SLOWER, AWAY_S = 0.6, 2.0, 2.0
-"""Of the commanded duration, in the pace of the whole run: less or more is another motion; so much time it takes to come to rest."""
+"""Limits of the duration over the commanded one, at the pace of the whole run, beyond which it is another motion; and the time to come to
+rest."""
 PASSED = 1.0
 """Cost of passing over a rest as long as a commanded one."""
 SKIPPED_AT_ALIGNING = 8
 """Rests in a row that belong to no command, where the frame is not known yet."""
 PACE = (0.6, 1.25)
-"""Of the commanded speed, which accelerations lower: outside it the run's pace is remarked."""
+"""Range of the commanded speed, which accelerations lower: outside it the run's pace gets a remark."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,8 @@ class _Rests:
 
 @dataclass(frozen=True)
 class _Expected:
-    """Rests (m) that commands ask for: number of the command, place (m, 3), dwell_s, and what lies between it and the one before: straight
-    and way [mm], lasts_s; least_s: when it begins at the earliest."""
+    """Rests (m) that commands require: number of the command, position (m, 3), dwell_s, and the path from the previous one: straight and
+    way [mm], lasts_s; least_s: its earliest beginning."""
 
     command: IntArray
     places: FloatArray
@@ -75,15 +76,15 @@ class _Expected:
 def windows_from_rests(
     program: Program, commands: Path, trajectory: Trajectory, *, still_mm: float = 0.2, loaded: Path | None = None, align: bool = False
 ) -> tuple[Program, tuple[Message, ...]]:
-    """Return the program with the windows of a trajectory that ran the commands of a commands.csv, all of them and in their order, and what
-    is to be said of the run.
+    """Return the program with the windows of a trajectory that ran the commands of a commands.csv, all of them and in their order, and
+    remarks on the run.
 
     A command that leaves the tool where it rests shares that rest. A pose is measured over the last half of its rest; posing from the end
-    of the rest before, settling from where the robot was farthest since; a path from the end of the rest before until its own rest begins.
-    align: the trajectory is in a frame of its own, which is found from the distances between rests. Forces at one place leave no rests
-    apart: loaded, a table with start_s and end_s of each force in the commands' order, says when they acted, else the windows_s that the
-    program's [[compliance]] states already. CertificationError names the first command that is not found, or the row of a force whose
-    times cannot be.
+    of the rest before, settling from the farthest point since; a path from the end of the rest before until its own rest begins. align: the
+    trajectory is in a frame of its own, which is found from the distances between rests. Forces at one place leave no rests apart: loaded,
+    a table with start_s and end_s of each force in the commands' order, gives their times, else the windows_s that the program's
+    [[compliance]] states already. CertificationError names the first command that is not found, or the row of a force with impossible
+    times.
     """
     if len(trajectory.time_s) == 0:
         raise CertificationError(message("error.the_trajectory_has_no_sample", where=commands))
@@ -186,7 +187,7 @@ def _expected(every: Sequence[Command], forces: dict[int, tuple[float, float]], 
 
 
 def _assigned(found: _Rests, expected: _Expected, commands: Path, every: Sequence[Command]) -> tuple[IntArray, float]:
-    """Return the rest (m,) of each command that asks for one, and how fast the robot ran, 1 as commanded.
+    """Return the rest (m,) of each command that requires one, and the robot's pace, 1 as commanded.
 
     The pace is found from a first assignment without durations. CertificationError names the first command without a rest.
     """
@@ -282,7 +283,7 @@ def _cheapest(
 def _not_found(
     found: _Rests, expected: _Expected, i: int, candidates: list[IntArray], near: BoolArray, commands: Path, every: Sequence[Command]
 ) -> None:
-    """CertificationError says which command has no rest, and what is there instead."""
+    """Raise CertificationError with the command without a rest, and the motion found instead."""
     command = every[int(expected.command[i])]
     where = ", ".join(f"{v:.1f}" for v in expected.places[i])
     since = float(found.end_s[candidates[-1].min()]) if i and len(candidates[-1]) else float(found.begin_s[0]) if len(found) else 0.0
@@ -311,14 +312,15 @@ def _not_found(
 
 
 def _farthest(trajectory: Trajectory, place: FloatArray, start: float, end: float) -> float:
-    """When, within an interval, the tool was farthest from a place (3,): a way that leads there and back begins at its turn."""
+    """Return the time, within an interval, at which the tool was farthest from a position (3,): a path there and back begins at its
+    turn."""
     on_way = (trajectory.time_s >= start) & (trajectory.time_s <= end)
     away = np.nan_to_num(np.linalg.norm(trajectory.poses[on_way, :3] - place, axis=1), nan=-1.0)
     return float(trajectory.time_s[on_way][int(np.argmax(away))])
 
 
 def _under_load(program: Program, targets: NDArray[np.str_], trajectory: Trajectory, loaded: Path | None) -> list[tuple[float, float]]:
-    """When each force of the compliance tests acted, in the order of the commands, whose targets (n,) are the tables' poses."""
+    """Return the times of each force of the compliance tests, in the order of the commands, whose targets (n,) are the tables' poses."""
     if loaded is None:
         stated = {c.pose: list(c.windows_s) for c in program.compliance}
         if any(len(stated.get(name, [])) != (targets == name).sum() for name in targets):
