@@ -7,6 +7,7 @@ import calendar
 import datetime
 import math
 import re
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -328,20 +329,26 @@ def read_dcc(path: Path) -> Dcc:
     def text(at: Any, where: str) -> str:
         return " ".join("".join(one.itertext()).strip() for one in at.iterfind(where, {"dcc": DCC, "si": SI})).strip()
 
-    def number(at: Any, where: str) -> float | None:
-        found = text(at, where)
-        if not found:
-            return None
+    def named(at: Any, where: str) -> str:
+        """Return a name in English, or in the first language that has it."""
+        contents = at.findall(f"{where}/dcc:content", {"dcc": DCC})
+        contents.sort(key=lambda content: content.get("lang") != OWN)
+        return "".join(contents[0].itertext()).strip() if contents else ""
+
+    def numbers(at: Any, name: str, count: int | None = None) -> tuple[float, ...]:
+        """Return the numbers of an element or a list, as many as the values they belong to; none where the element is missing."""
+        found = next(at.iterfind(f".//si:{name}", {"si": SI}), None)
+        words = [] if found is None else "".join(found.itertext()).split()
         try:
-            value = float(found)
+            values = tuple(float(word) for word in words)
         except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            line = at.sourceline
-            raise FileFormatError(
-                message("error.is_no_number", where=path, line=line, localname=etree.QName(at).localname, found=found[:40])
-            )
-        return value
+            values = (math.nan,)
+        line = at.sourceline
+        if not all(math.isfinite(value) for value in values):
+            raise FileFormatError(message("error.is_no_number", where=path, line=line, localname=name, found=" ".join(words)[:40]))
+        if count is not None and len(values) not in (0, 1, count):
+            raise FileFormatError(message("error.dcc_list_length", where=path, line=line, name=name, found=len(values), count=count))
+        return values if count is None or len(values) != 1 else values * count
 
     def date(found: str, name: str) -> datetime.date | None:
         try:
@@ -358,28 +365,62 @@ def read_dcc(path: Path) -> Dcc:
         begun, period = date(text(statement, "dcc:date"), "statement: date"), text(statement, "dcc:period")
         if period and (begun or day):
             ends.append(_after(begun or day, period, path))
-    results = []
+    results: list[DccResult] = []
+    seen: Counter[str] = Counter()
     for result in root.iterfind(".//dcc:result", {"dcc": DCC}):
-        for real in result.iterfind(".//si:real", {"si": SI}):
-            value = number(real, "si:value")
-            if value is None:
+        own = named(result, "dcc:name")
+        for quantity in result.iterfind(".//dcc:quantity", {"dcc": DCC}):
+            stated = (one for tag in ("real", "realListXMLList") for one in quantity.iter(f"{{{SI}}}{tag}"))
+            # what a hybrid states besides is the same in other units
+            if (real := next(stated, None)) is None:
                 continue
-            expanded = number(real, ".//si:valueExpandedMU") or number(real, "si:expandedUnc/si:uncertainty")
-            factor = number(real, ".//si:coverageFactor") or 2.0
-            u = number(real, ".//si:valueStandardMU") if expanded is None else expanded / factor
-            unit = text(real, "si:unit")
-            known = next((short for short, long in UNITS.items() if long == unit), unit)
-            results.append(DccResult(text(result, "dcc:name/dcc:content"), value, known, u))
+            suffix = "XMLList" if real.tag.endswith("XMLList") else ""
+            values = numbers(real, f"value{suffix}")
+            n = len(values)
+            expanded = numbers(real, f"valueExpandedMU{suffix}", n) or numbers(real, f"uncertainty{suffix}", n)
+            factors = numbers(real, f"coverageFactor{suffix}", n) or (2.0,) * n
+            standard = tuple(U / (k or 2.0) for U, k in zip(expanded, factors, strict=False)) or numbers(
+                real, f"valueStandardMU{suffix}", n
+            )
+            units = text(real, f"si:unit{suffix}").split() or [""]
+            units = units * n if len(units) == 1 else units
+            if len(units) != n:
+                line = real.sourceline
+                raise FileFormatError(
+                    message("error.dcc_list_length", where=path, line=line, name="unitXMLList", found=len(units), count=n)
+                )
+            name = ": ".join(filter(None, (own, named(quantity, "dcc:name"))))
+            for i, (value, u, unit) in enumerate(zip(values, standard or (0.0,) * n, units, strict=True)):
+                factor, short = _own_unit(unit)
+                one = f"{name} [{i + 1}]" if n > 1 else name
+                seen[one] += 1
+                one = one if seen[one] == 1 else f"{one} ({seen[one]})"
+                results.append(DccResult(one, factor * value, short, factor * u if u > 0.0 else None))
     return Dcc(
         identifier=text(root, f"{core}uniqueIdentifier"),
-        laboratory=text(root, "dcc:administrativeData/dcc:calibrationLaboratory/dcc:contact/dcc:name/dcc:content"),
-        item=text(root, "dcc:administrativeData/dcc:items/dcc:item/dcc:name/dcc:content"),
+        laboratory=named(root, "dcc:administrativeData/dcc:calibrationLaboratory/dcc:contact/dcc:name"),
+        item=named(root, "dcc:administrativeData/dcc:items/dcc:item/dcc:name"),
         performed=day,
         results=tuple(results),
         serial=text(root, "dcc:administrativeData/dcc:items/dcc:item/dcc:identifications/dcc:identification/dcc:value"),
         traceable=False if traceable & {"false", "0"} else True if traceable & {"true", "1"} else None,
         expires=min(ends, default=None),
     )
+
+
+_LENGTH = re.compile(r"(?:\\(kilo|deci|centi|milli|micro|nano))?\\metre(\\second\\tothe\{-1\}|\\per\\second)?")
+_ANGLE = re.compile(r"(?:\\(milli|micro|nano))?\\radian|\\(degree|arcminute|arcsecond)")
+_PREFIXES = {None: 1.0, "kilo": 1e3, "deci": 1e-1, "centi": 1e-2, "milli": 1e-3, "micro": 1e-6, "nano": 1e-9}
+_DEGREES = {None: 180.0 / math.pi, "degree": 1.0, "arcminute": 1.0 / 60.0, "arcsecond": 1.0 / 3600.0}
+
+
+def _own_unit(unit: str) -> tuple[float, str]:
+    """Return the unit in which certificates state a length, speed or angle of D-SI, and the factor to it; any other unit as it is."""
+    if found := _LENGTH.fullmatch(unit):
+        return _PREFIXES[found[1]] / 1e-3, "mm/s" if found[2] else "mm"
+    if found := _ANGLE.fullmatch(unit):
+        return _PREFIXES[found[1]] * _DEGREES[found[2]], "deg"
+    return 1.0, next((short for short, long in UNITS.items() if long == unit), unit)
 
 
 _PERIOD = re.compile(r"P(?:(\d{1,4})Y)?(?:(\d{1,5})M)?(?:(\d{1,6})D)?(?:T[\dHMS.]+)?")

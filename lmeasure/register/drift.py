@@ -18,7 +18,7 @@ are too narrow).
 """
 
 import datetime
-from collections.abc import Callable
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -38,30 +38,42 @@ LEAST = 3
 WALKS, GRID = (1e-2, 1e2), 25
 """Variances of the walk between calibrations over that of a measurement, and how many of them."""
 PROBABILITY = 0.95
+SEARCHED, HALVINGS = 30, 30
+"""Times at which a risk is looked for, and halvings of the step in which it is reached."""
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """A value at later times: (k,) weights of walks, and functions of the time [days] that give their (k,) means and standard deviations.
+    """Values at later times of one series or of many (leading axes ...), by walks of k variances.
 
-    drift, u_drift: slope of the line [unit/day]; last: time of the last calibration; walk: weighted standard deviation of the random walk
-    [unit/sqrt(day)].
+    weights: (..., k) probabilities of the walks; mean, variance: (2, ..., k) and (3, ..., k) coefficients of powers of the days since the
+    last calibration, whose time is last (...); drift, u_drift: slope of the line [unit/day] (...); walk: weighted standard deviation of
+    the random walk [unit/sqrt(day)] (...).
     """
 
     weights: FloatArray
-    at: Callable[[float], tuple[FloatArray, FloatArray]]
-    drift: float
-    u_drift: float
-    walk: float
-    last: float
+    mean: FloatArray
+    variance: FloatArray
+    last: FloatArray
+    drift: FloatArray
+    u_drift: FloatArray
+    walk: FloatArray
 
-    def probability_within(self, time: float, lower: float, upper: float) -> float:
-        """Return the probability that the value is within limits at a time."""
+    def at(self, time: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+        """Return mean and standard deviation by each walk, (..., k), at times (...) [days] not before the last calibration."""
+        days = np.asarray(time - self.last)[..., None]
+        mean = self.mean[0] + days * self.mean[1]
+        variance = self.variance[0] + days * (self.variance[1] + days * self.variance[2])
+        return mean, np.maximum(np.sqrt(np.maximum(variance, 0.0)), 1e-12 * (1.0 + np.abs(mean)))
+
+    def risk(self, time: FloatArray | float, lower: FloatArray | float, upper: FloatArray | float) -> FloatArray:
+        """Return the probability (...) that the value is beyond limits at a time."""
         mean, sigma = self.at(time)
-        return float(self.weights @ (ndtr((upper - mean) / sigma) - ndtr((lower - mean) / sigma)))
+        low, high = np.asarray(lower)[..., None], np.asarray(upper)[..., None]
+        return np.asarray((self.weights * (ndtr((mean - high) / sigma) + ndtr((low - mean) / sigma))).sum(axis=-1))
 
     def interval(self, time: float, probability: float = PROBABILITY) -> tuple[float, float]:
-        """Return the interval that holds the value at a time with a probability, its tails alike."""
+        """Return the interval that holds the value of one series at a time with a probability, its tails alike."""
         mean, sigma = self.at(time)
         low, high = float((mean - 12.0 * sigma).min()), float((mean + 12.0 * sigma).max())
 
@@ -71,20 +83,23 @@ class Forecast:
         tail = 0.5 * (1.0 - probability)
         return quantile(tail), quantile(1.0 - tail)
 
-    def due(self, lower: float, upper: float, risk: float = 0.05, longest: float = 3650.0) -> float:
-        """Return the first time [days] at which the value is beyond its limits with more than this risk; at most so long after the last
-        calibration, and the time of that if the risk is exceeded there."""
-        times = self.last + np.linspace(0.0, longest, 100)
-        bad = [i for i, t in enumerate(times) if 1.0 - self.probability_within(float(t), lower, upper) > risk]
-        if not bad:
-            return float(times[-1])
-        if bad[0] == 0:
-            return self.last
-
-        def excess(time: float) -> float:
-            return 1.0 - self.probability_within(time, lower, upper) - risk
-
-        return float(scipy.optimize.brentq(excess, times[bad[0] - 1], times[bad[0]]))
+    def due(
+        self, lower: FloatArray | float, upper: FloatArray | float, risk: FloatArray | float = 0.05, longest: FloatArray | float = 3650.0
+    ) -> FloatArray:
+        """Return the first time (...) [days] at which the value is beyond its limits with more than this risk; at most so long after the
+        last calibration, and the time of that if the risk is exceeded there."""
+        end = self.last + longest
+        good, bad, found = self.last, end, np.zeros(self.last.shape, dtype=bool)
+        for part in np.linspace(0.0, 1.0, SEARCHED):
+            time = self.last + part * longest
+            over = ~found & (self.risk(time, lower, upper) > risk)
+            found, bad = found | over, np.where(over, time, bad)
+            good = np.where(found, good, time)
+        for _ in range(HALVINGS):
+            middle = 0.5 * (good + bad)
+            over = self.risk(middle, lower, upper) > risk
+            good, bad = np.where(over, good, middle), np.where(over, middle, bad)
+        return np.where(found, bad, end)
 
 
 def forecast(times: FloatArray, values: FloatArray, u: FloatArray) -> Forecast:
@@ -95,48 +110,55 @@ def forecast(times: FloatArray, values: FloatArray, u: FloatArray) -> Forecast:
     CertificationError
         If there are fewer than three calibrations at different times, or an uncertainty is not above zero.
     """
-    order = np.argsort(times, kind="stable")
-    t, x, u = times[order], values[order], u[order]
-    if len(np.unique(t)) < LEAST:
-        raise CertificationError(message("error.calibrations_at_different_times", n_unique=len(np.unique(t)), least=LEAST))
+    if len(np.unique(times)) < LEAST:
+        raise CertificationError(message("error.calibrations_at_different_times", n_unique=len(np.unique(times)), least=LEAST))
     if not (u > 0.0).all():
         raise CertificationError(message("error.a_drift_is_estimated"))
-    begin = float(t[0])
-    s, A = t - begin, np.column_stack([np.ones(len(t)), t - begin])
-    shared = np.minimum(s[:, None], s[None, :])
+    order = np.argsort(times, kind="stable")
+    return _forecasts(times[order], values[order], u[order])
+
+
+def _forecasts(t: FloatArray, x: FloatArray, u: FloatArray) -> Forecast:
+    """Return the forecasts of series (..., n) in order of time; an infinite u pads a short series.
+
+    For each variance of the walk a Kalman filter of the walk alone whitens the columns 1, t and x. Their products are those of generalised
+    least squares, and the filtered columns give the walk after the last value.
+    """
+    weight, s = u**-2.0, t - t[..., :1]
+    # a plain line is taken off first: values that are large beside their scatter keep their digits
+    middle = [(weight * y).sum(axis=-1, keepdims=True) / weight.sum(axis=-1, keepdims=True) for y in (s, x)]
+    away = s - middle[0]
+    slope = (weight * away * (x - middle[1])).sum(axis=-1, keepdims=True) / (weight * away**2).sum(axis=-1, keepdims=True)
+    columns = np.stack([np.ones_like(s), s, x - middle[1] - slope * away], axis=-1)
     # between calibrations the walk has between a tenth and ten times the measurements' uncertainty
-    walks = float(np.mean(u**2)) / float(np.mean(np.diff(np.unique(t)))) * np.geomspace(*WALKS, GRID)
-
-    def fitted(q: float) -> tuple[float, FloatArray, FloatArray, FloatArray]:
-        W = np.asarray(np.linalg.inv(np.diag(u**2) + q * shared), dtype=np.float64)
-        information: FloatArray = A.T @ W @ A
-        line = np.asarray(np.linalg.solve(information, A.T @ W @ x), dtype=np.float64)
-        left = x - A @ line
-        log = 0.5 * (np.linalg.slogdet(W)[1] - np.linalg.slogdet(information)[1] - left @ W @ left)
-        C = np.asarray(np.linalg.inv(information), dtype=np.float64)
-        return float(log), line, C, W
-
-    fits = [fitted(q) for q in walks]
-    weighed = [(A.T @ W, W @ (x - A @ line)) for _, line, _, W in fits]
-    logs = np.array([f[0] for f in fits])
-    weights = np.exp(logs - logs.max())
-    weights /= weights.sum()
-
-    def at(time: float) -> tuple[FloatArray, FloatArray]:
-        later = time - begin
-        means, sigmas = np.empty(len(walks)), np.empty(len(walks))
-        for i, (q, (_, line, C, W), (AW, left)) in enumerate(zip(walks, fits, weighed, strict=True)):
-            c = q * np.minimum(s, later)
-            row = np.array([1.0, later])
-            rest = row - AW @ c
-            means[i] = row @ line + c @ left
-            sigmas[i] = np.sqrt(max(q * later - c @ W @ c + rest @ C @ rest, 0.0))
-        return means, np.maximum(sigmas, 1e-12 * (1.0 + np.abs(means)))
-
-    slopes, spread = np.array([f[1][1] for f in fits]), np.array([f[2][1, 1] for f in fits])
-    drift = float(weights @ slopes)
-    u_drift = float(np.sqrt(weights @ (spread + (slopes - drift) ** 2)))
-    return Forecast(weights, at, drift, u_drift, float(np.sqrt(weights @ walks)), float(t[-1]))
+    stated, steps = np.isfinite(u), np.diff(s, prepend=0.0)
+    typical = np.where(stated, u, 0.0) ** 2.0
+    gap = s[..., -1] / (steps > 0.0).sum(axis=-1)
+    walks = (typical.sum(axis=-1) / stated.sum(axis=-1) / gap)[..., None] * np.geomspace(*WALKS, GRID)
+    P, w = np.zeros(walks.shape), np.zeros((*walks.shape, 3))
+    logs, products = np.zeros(walks.shape), np.zeros((*walks.shape, 3, 3))
+    for i in range(t.shape[-1]):
+        P = P + walks * steps[..., i, None]
+        F = P + u[..., i, None] ** 2.0
+        v, gain = columns[..., None, i, :] - w, P / F
+        w, P = w + gain[..., None] * v, P * (1.0 - gain)
+        logs += np.log(F, where=stated[..., i, None], out=np.zeros(F.shape))
+        products += v[..., :, None] * (v / F[..., None])[..., None, :]
+    information, right = products[..., :2, :2], products[..., :2, 2]
+    C = np.linalg.inv(information)
+    line = (C @ right[..., None])[..., 0]
+    logs = -0.5 * (logs + np.linalg.slogdet(information)[1] + products[..., 2, 2] - (right * line).sum(axis=-1))
+    weights = np.exp(logs - logs.max(axis=-1, keepdims=True))
+    weights /= weights.sum(axis=-1, keepdims=True)
+    # height and slope of the line at the last value, where the walk is not predicted by it
+    r = np.stack([1.0 - w[..., 0], s[..., -1:] - w[..., 1]], axis=-1)
+    Cr = (C @ r[..., None])[..., 0]
+    slopes = slope + line[..., 1]
+    mean = middle[1] + slope * (s[..., -1:] - middle[0]) + w[..., 2] + (r * line).sum(axis=-1)
+    drift = (weights * slopes).sum(axis=-1)
+    u_drift = np.sqrt((weights * (C[..., 1, 1] + (slopes - drift[..., None]) ** 2)).sum(axis=-1))
+    variance = np.stack([P + (r * Cr).sum(axis=-1), walks + 2.0 * Cr[..., 1], C[..., 1, 1]])
+    return Forecast(weights, np.stack([mean, slopes]), variance, t[..., -1], drift, u_drift, np.sqrt((weights * walks).sum(axis=-1)))
 
 
 LIMITS = "limits.toml"
@@ -168,6 +190,15 @@ class Limit(Strict):
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
             raise of_key("upper", message("error.must_be_above_lower"))
         return self
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Lower and upper limit; infinite where none is stated."""
+        return -np.inf if self.lower is None else self.lower, np.inf if self.upper is None else self.upper
+
+    def excludes(self, value: float) -> bool:
+        """Return whether a value is beyond the limits."""
+        return not self.range[0] <= value <= self.range[1]
 
 
 class Limits(Strict):
@@ -221,23 +252,38 @@ def due(register: Register, limits: Limits) -> tuple[Due, ...]:
     Three calibrations or more determine a drift: the next calibration is due when the risk is reached. With fewer of them it is due after
     half the longest time.
     """
-    out = []
+    series = register.series_of((limit.subject, limit.result, limit.kind) for limit in limits.limit)
+    out, long = [], []
     for limit in limits.limit:
-        days, values, u, unit = register.series(limit.subject, limit.result, limit.kind)
+        days, values, u, unit = series[limit.subject, limit.result, limit.kind]
         if not len(days):
             out.append(Due(limit, unit, None))
-            continue
-        lower, upper = (-float("inf") if limit.lower is None else limit.lower), (float("inf") if limit.upper is None else limit.upper)
-        beyond, last = not lower <= values[-1] <= upper, float(values[-1])
-        try:
-            found = forecast(days, values, u)
-        except CertificationError:
-            wait = limit.longest_days / (2.0 if len(days) < LEAST else 1.0)
-            out.append(Due(limit, unit, _day(days[-1] + (0.0 if beyond else wait)), last, None, beyond))
-            continue
-        at = found.last if beyond else found.due(lower, upper, limit.risk_percent / 100.0, limit.longest_days)
-        out.append(Due(limit, unit, _day(at), last, (365.25 * found.drift, 365.25 * found.u_drift), beyond))
-    return tuple(sorted(out, key=lambda d: d.day or datetime.date.min))
+        elif len(np.unique(days)) >= LEAST and (u > 0.0).all():
+            long.append((limit, days, values, u, unit))
+        else:
+            beyond, wait = limit.excludes(values[-1]), limit.longest_days / (2.0 if len(days) < LEAST else 1.0)
+            out.append(Due(limit, unit, _day(days[-1] + (0.0 if beyond else wait)), float(values[-1]), None, beyond))
+    return tuple(sorted([*out, *_dues(long)], key=lambda d: d.day or datetime.date.min))
+
+
+def _dues(series: Sequence[tuple[Limit, FloatArray, FloatArray, FloatArray, str]]) -> Iterator[Due]:
+    """Yield when subjects are due whose series determine a drift, all of them forecast at once."""
+    if not series:
+        return
+    limits, days, values, us, units = zip(*series, strict=True)
+    n = np.array([len(d) for d in days])
+    # a short series is padded by its last value, of infinite u
+    index = np.minimum(np.arange(n.max()), n[:, None] - 1) + (np.cumsum(n) - n)[:, None]
+    t, x, u = (np.concatenate(column)[index] for column in (days, values, us))
+    found = _forecasts(t, x, np.where(np.arange(n.max()) < n[:, None], u, np.inf))
+    lower, upper = np.array([limit.range for limit in limits]).T
+    at = found.due(
+        lower, upper, np.array([0.01 * limit.risk_percent for limit in limits]), np.array([limit.longest_days for limit in limits])
+    )
+    for i, (limit, unit) in enumerate(zip(limits, units, strict=True)):
+        beyond = limit.excludes(x[i, -1])
+        drift = (365.25 * float(found.drift[i]), 365.25 * float(found.u_drift[i]))
+        yield Due(limit, unit, _day(float(t[i, -1] if beyond else at[i])), float(x[i, -1]), drift, beyond)
 
 
 def _day(days: float) -> datetime.date:

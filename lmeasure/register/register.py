@@ -209,6 +209,15 @@ class Subject(NamedTuple):
     last: str
 
 
+class Series(NamedTuple):
+    """A result over time, oldest first: days since 1970, values and standard uncertainties (NaN where none), (n,) each, and the unit."""
+
+    days: FloatArray
+    values: FloatArray
+    u: FloatArray
+    unit: str
+
+
 class Register:
     """A register in a folder, or behind a database's URL.
 
@@ -344,21 +353,34 @@ class Register:
         with self._reading() as connection:
             return tuple(entry for _, entry in self._whole(connection, connection.execute(chosen).all()))
 
-    def series(self, subject: str, result: str, kind: str = "certificate") -> tuple[FloatArray, FloatArray, FloatArray, str]:
-        """Return days since 1970, values and standard uncertainties (NaN where none) of a result, (n,) each, oldest first, and its unit."""
-        columns = (_entry.c.made, _result.c.value, _result.c.u, _result.c.unit)
+    def series(self, subject: str, result: str, kind: str = "certificate") -> Series:
+        """Return a result of a subject over time."""
+        return self.series_of([(subject, result, kind)])[subject, result, kind]
+
+    def series_of(self, wanted: Iterable[tuple[str, str, str]]) -> dict[tuple[str, str, str], Series]:
+        """Return results over time by subject, name of the result and kind of document."""
+        rows: dict[tuple[str, str, str], list[Any]] = {key: [] for key in wanted}
+        together: dict[tuple[str, str], list[str]] = {}
+        for subject, result, kind in rows:
+            together.setdefault((result, kind), []).append(subject)
+        columns = (_entry.c.subject, _entry.c.made, _result.c.value, _result.c.u, _result.c.unit)
         chosen = sa.select(*columns).join(_result, _result.c.entry == _entry.c.number).order_by(_entry.c.made, _entry.c.number)
-        chosen = chosen.where(_entry.c.subject == subject, _entry.c.kind == kind, _result.c.name == result)
         with self._reading() as connection:
-            rows = connection.execute(chosen).all()
-        units = {row.unit for row in rows}
-        if len(units) > 1:
+            for (result, kind), subjects in together.items():
+                of = chosen.where(_entry.c.kind == kind, _result.c.name == result)
+                for part in (subjects[i : i + AT_ONCE] for i in range(0, len(subjects), AT_ONCE)):
+                    for subject, *row in connection.execute(of.where(_entry.c.subject.in_(part))).all():
+                        rows[subject, result, kind].append(row)
+        return {key: self._series(key, found) for key, found in rows.items()}
+
+    def _series(self, key: tuple[str, str, str], rows: Sequence[Any]) -> Series:
+        made, values, u, units = zip(*rows, strict=True) if rows else ((), (), (), ())
+        if len(unit := sorted(set(units))) > 1:
             raise CertificationError(
-                message("error.of_is_stated_in", where=self.name, result=result, subject=subject, units=" and ".join(sorted(units)))
+                message("error.of_is_stated_in", where=self.name, result=key[1], subject=key[0], units=" and ".join(unit))
             )
-        days = np.array([datetime.date.fromisoformat(row.made).toordinal() - 719163 for row in rows], dtype=np.float64)
-        u = np.array([np.nan if row.u is None else row.u for row in rows])
-        return days, np.array([row.value for row in rows]), u, units.pop() if units else ""
+        days = np.array(made, dtype="datetime64[D]").astype(np.float64)
+        return Series(days, np.array(values, dtype=np.float64), np.array(u, dtype=np.float64), unit[0] if unit else "")
 
     def results(self, subject: str, kind: str = "certificate") -> tuple[str, ...]:
         """Return the names of the results of a subject."""

@@ -67,7 +67,8 @@ def run_register(settings: RegisterSettings, progress: Progress = silent) -> Res
         if settings.subject:
             lines += _of_subject(register, settings)
         waiting = due(register, limits)
-        kinds = {kind: sum(s.documents for s in register.subjects() if s.kind == kind) for kind in _KINDS}
+        subjects = register.subjects()
+        kinds = {kind: sum(s.documents for s in subjects if s.kind == kind) for kind in _KINDS}
         if not (settings.recall or settings.subject or settings.verify):
             lines.append(message("register.holds", count=sum(kinds.values()), name=register.name, **kinds))
             lines += [d.said(datetime.date.today()) for d in waiting]
@@ -126,7 +127,9 @@ def _of_subject(register: "Register", settings: RegisterSettings) -> "list[Messa
 
     names = register.results(settings.subject, settings.kind)
     if not names:
-        raise CertificationError(message("error.no_of_is_registered", where=register.name, kind=settings.kind, subject=settings.subject))
+        known = ", ".join(f"{s.subject} ({s.kind})" for s in register.subjects()[:10])
+        about = {"kind": settings.kind, "subject": settings.subject, "known": known}
+        raise CertificationError(message("error.no_of_is_registered", where=register.name, **about))
     if not settings.result:
         return [message("register.results", subject=settings.subject, names=", ".join(names))]
     if settings.result not in names:

@@ -138,6 +138,55 @@ def test_older_ways_to_state_an_uncertainty_are_read(tmp_path: Path) -> None:
         assert read_dcc(tmp_path / "old.xml").results[0].u == pytest.approx(0.02)
 
 
+def quantity(name: str, real: str) -> str:
+    return f"<dcc:quantity><dcc:name>{name}</dcc:name>{real}</dcc:quantity>"
+
+
+UNCERTAIN = (
+    "<si:measurementUncertaintyUnivariate{x}><si:expandedMU{x}><si:valueExpandedMU{x}>{U}</si:valueExpandedMU{x}><si:coverageFactor{x}>2</si:coverageFactor{x}>"
+    "</si:expandedMU{x}></si:measurementUncertaintyUnivariate{x}>"
+)
+REAL = "<si:real><si:value>{0}</si:value><si:unit>{1}</si:unit>" + UNCERTAIN.format(x="", U="{2}") + "</si:real>"
+LIST = (
+    "<si:realListXMLList><si:valueXMLList>{0}</si:valueXMLList><si:unitXMLList>{1}</si:unitXMLList>"
+    + UNCERTAIN.format(x="XMLList", U="{2}")
+    + "</si:realListXMLList>"
+)
+
+
+def of_another_program(path: Path, *quantities: str) -> Path:
+    """A DCC with one result of several quantities."""
+    text = dcc_xml(certificate("Other", 0.5)).decode()
+    begin, end = text.index("<dcc:results>"), text.index("</dcc:results>")
+    name = '<dcc:name><dcc:content lang="de">Länge</dcc:content><dcc:content lang="en">length</dcc:content></dcc:name>'
+    path.write_text(f"{text[:begin]}<dcc:results><dcc:result>{name}<dcc:data>{''.join(quantities)}</dcc:data></dcc:result>{text[end:]}")
+    return path
+
+
+def test_lists_and_units_of_other_laboratories_are_read(tmp_path: Path) -> None:
+    """A list, a hybrid (once in inches), and two quantities of one name: each result has its own name, in mm, degrees or its own unit."""
+    hybrid = "<si:hybrid>" + REAL.format("0.0254", r"\metre", "2e-6") + REAL.format(1, r"\inch", 1) + "</si:hybrid>"
+    path = of_another_program(
+        tmp_path / "other.xml",
+        quantity("<dcc:content>step</dcc:content>", LIST.format("0.1 0.2", r"\metre", "2e-6 4e-6")),
+        quantity("<dcc:content>step</dcc:content>", LIST.format("100 200", r"\micro\metre", 1)),
+        quantity("", hybrid),
+        quantity("<dcc:content>angle</dcc:content>", REAL.format("3.141592653589793", r"\radian", "0")),
+        quantity("<dcc:content>mass</dcc:content>", REAL.format("2", r"\kilogram", "0.2")),
+    )
+    assert [(r.name, r.value, r.unit, r.u) for r in read_dcc(path).results] == [
+        ("length: step [1]", pytest.approx(100.0), "mm", pytest.approx(1e-3)),
+        ("length: step [2]", pytest.approx(200.0), "mm", pytest.approx(2e-3)),
+        ("length: step [1] (2)", pytest.approx(0.1), "mm", pytest.approx(5e-4)),
+        ("length: step [2] (2)", pytest.approx(0.2), "mm", pytest.approx(5e-4)),
+        ("length", pytest.approx(25.4), "mm", pytest.approx(1e-3)),
+        ("length: angle", pytest.approx(180.0), "deg", None),
+        ("length: mass", 2.0, r"\kilogram", 0.1),
+    ]
+    with pytest.raises(LMeasureError, match=r"valueExpandedMUXMLList has 3 values, but there are 2 results"):
+        read_dcc(of_another_program(tmp_path / "bad.xml", quantity("", LIST.format("1 2", r"\metre", "1 2 3"))))
+
+
 STATEMENT = "<dcc:statement><dcc:traceable>{traceable}</dcc:traceable>{valid}</dcc:statement></dcc:statements>"
 
 

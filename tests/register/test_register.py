@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from lmeasure.certificate import canonical
 from lmeasure.cli.app import app
 from lmeasure.core import LMeasureError
-from lmeasure.register import Entry, Register, Result
+from lmeasure.register import Entry, Register, Result, due, read_limits
 
 SEALED = Path(__file__).parents[1] / "authorities" / "sealed" / "with-run"
 DAY = datetime.date(2026, 3, 1)
@@ -157,6 +157,31 @@ def test_the_next_calibration_is_due_when_the_drift_reaches_the_limit(register: 
     assert (code, "limits.toml" in text) == (1, True)
 
 
+def test_many_subjects_are_due_as_each_by_itself(register: Register, tmp_path: Path) -> None:
+    """Series of 1 to 12 values, forecast together, as one register of each would be."""
+    rng = np.random.default_rng(4)
+    for robot in range(1, 13):
+        days = np.sort(rng.integers(0, 2000, robot))
+        register.add(
+            [
+                Entry("certificate", f"{100 * robot + n:064x}", "", f"R-{robot}", DAY + datetime.timedelta(days=int(day)),
+                      {"AP_p P1": Result(1e6 + 1e-4 * day + 0.01 * rng.normal(), None if robot == 7 else 0.01, "mm")})
+                for n, day in enumerate(days)
+            ],
+            "A",
+        )  # fmt: skip
+    path = tmp_path / "reg" / "limits.toml"
+    limits = [f'[[limit]]\nsubject = "R-{robot}"\nresult = "AP_p P1"\nupper = {1e6 + 0.25}\n' for robot in range(1, 14)]
+    alone = []
+    for limit in limits:
+        path.write_text('schema = "lmeasure.limits/1"\n' + limit)
+        alone += due(register, read_limits(path.parent))
+    path.write_text('schema = "lmeasure.limits/1"\n' + "".join(limits))
+    together = due(register, read_limits(path.parent))
+    assert {d.limit.subject: (d.day, d.beyond) for d in together} == {d.limit.subject: (d.day, d.beyond) for d in alone}
+    assert [d.day for d in together[1:]] == sorted(d.day for d in alone if d.day)
+
+
 def _append(place: str, first: int) -> None:
     one = Register(place)
     for n in range(first, first + 20):
@@ -239,11 +264,3 @@ def test_what_is_no_database_is_one_line(tmp_path: Path) -> None:
     assert (code, "cannot be opened" in text) == (1, True)
     code, text = run(tmp_path, "--database", "nothing://x")
     assert (code, "cannot be opened" in text) == (1, True)
-
-
-def test_many_certificates_are_found_at_once(register: Register) -> None:
-    """20,000 certificates of 200 robots: a robot's series by the index, whose plan has no scan of the table."""
-    register.add((entry(n, subject=f"R-{n % 200}", AP_P1=0.5) for n in range(20_000)), "A")
-    days, _, u, unit = register.series("R-7", "AP_p P1")
-    assert (len(days), unit) == (100, "mm")
-    assert np.isfinite(u).all()
