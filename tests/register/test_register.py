@@ -172,7 +172,7 @@ def test_many_subjects_are_due_as_each_by_itself(register: Register, tmp_path: P
         )  # fmt: skip
     path = tmp_path / "reg" / "limits.toml"
     limits = [f'[[limit]]\nsubject = "R-{robot}"\nresult = "AP_p P1"\nupper = {1e6 + 0.25}\n' for robot in range(1, 14)]
-    alone = []
+    alone: list[Any] = []
     for limit in limits:
         path.write_text('schema = "lmeasure.limits/1"\n' + limit)
         alone += due(register, read_limits(path.parent))
