@@ -185,7 +185,11 @@ class Drum:
             normal = n
             for _ in range(12):
                 # a helix is nearly linear in k, and so is Newton's step
-                k -= (self.paid(k) - (self.free(P, self.paid(k), n if self.sticking else None) - begun)) / self.count
+                paid = self.paid(k)
+                step = (paid - (self.free(P, paid, n if self.sticking else None) - begun)) / self.count
+                k -= step
+                if abs(step) < 1e-9:
+                    break
             # the encoder follows when the band is crossed
             play = min(max(play, k - self.half_band), k + self.half_band) if self.half_band else k
             out.append((play - zero if self.half_band else k) + phase)

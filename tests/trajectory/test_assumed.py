@@ -14,8 +14,9 @@ from scipy.spatial.transform import Rotation
 from test_unsolved import START, after_play, delta, nominal, truth
 
 from lmeasure.accuracy import exact_radius_95, radii_95, scan_zone, stated_radii_95, tilts
+from lmeasure.calibration import CalibrationSettings, Campaign, calibrate
 from lmeasure.core import FloatArray, se3
-from lmeasure.recording import Counts, Run, read_run, read_run_head, write_run
+from lmeasure.recording import Counts, Poses, Run, read_run, read_run_head, write_run
 from lmeasure.rig import TYPICAL_SIZES, CalibrationRecord, Dimension, Rig, rig_from_dict
 from lmeasure.trajectory import Trajectory, covariances, read_trajectory, reconstruct, reconstruct_stream, write_trajectory
 
@@ -347,6 +348,24 @@ def test_pay_out_points_are_where_the_lengths_at_the_start_put_them() -> None:
     recorded = np.hstack([np.rint(counts - counts[40]), codes])
     assert off(both, None, recorded, both.all_channels) < 0.03
     assert pickle.loads(pickle.dumps(rig.zeroed_at(poses[0]))).paid_out() == pytest.approx(rig.zeroed_at(poses[0]).paid_out())
+
+
+def test_pay_out_points_of_a_calibration_follow_the_points_that_it_finds() -> None:
+    """Exact poses and drums with large pitches; the nominal lengths at the zero pose are 15 mm off. The run begins elsewhere."""
+    rng, plain = np.random.default_rng(12), replace(truth(3), pitch=np.full(6, 6.0))
+    data = plain.drawing(rng, 15.0, 0.5)
+    for cable, length in zip(data["cable"], plain.spans(START[None])[0][0].tolist(), strict=True):
+        cable["zero_length_mm"] = length
+    poses = np.vstack([START[None], real_rig.scattered(rng, 20)])
+    names, exact = tuple(map(str, range(len(poses)))), np.zeros(len(poses))
+    rig = rig_from_dict(data)
+    campaign = Campaign(rig, Poses(names, poses, exact, exact), rig.cable, plain.true_counts(poses, START), np.zeros(6, np.int64))
+    found = calibrate(campaign, CalibrationSettings())
+    way = real_rig.path(rng, 200)[80:]
+    counts = plain.true_counts(way, START)
+    run = Run(found.rig, way[0], (Counts(np.arange(len(way)) / 100.0, found.rig.channels, counts - counts[0]),), found.record)
+    off = np.linalg.norm(reconstruct(run).poses[:, :3] - way[:, :3], axis=1)
+    assert off.max() < 0.002
 
 
 def test_exact_rigs_keep_their_figures_to_all_digits() -> None:

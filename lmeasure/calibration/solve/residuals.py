@@ -16,11 +16,11 @@ from lmeasure.kernels import (
     AXIAL,
     BETA,
     BY_ALPHA,
-    BY_AXIAL,
     BY_BETA,
     GUIDE_XYZ,
     TRAVEL,
     changes_from_counts,
+    counts_from_changes,
     guide_direction,
     length_gradients,
     span_lengths,
@@ -79,7 +79,11 @@ class Residuals(Problem):
             campaign = replace(campaign, u_visit=own if own.any() else None)
         self.campaign = campaign
         self.noise = self._stated() if noise is None else noise
-        self._rows, self._scales = campaign.channels.rows, campaign.channels.scale
+        self._rows, self._scales = campaign.channels.rows.copy(), campaign.channels.scale
+        self._rows[:, AXIAL] -= self._rows[:, TRAVEL] * campaign.rig.paid_out(campaign.cables)
+        lengths_mm = np.array([getattr(c, "zero_length_mm", None) for c in campaign.cables], dtype=np.float64)
+        self._with_length = np.flatnonzero(np.isfinite(lengths_mm))
+        self._lengths_mm = lengths_mm[self._with_length]
         self._poses = np.ascontiguousarray(campaign.poses.rows)
         self.pose_index, self.cable_index = np.nonzero(campaign.used)
         self._zero = campaign.zero[self.cable_index]
@@ -100,7 +104,6 @@ class Residuals(Problem):
         self.sizes: Mapping[str, float] = {}
         self.variables = stated(campaign.rig, drums, unknowns.names)
         self.unsolved = Unsolved(campaign.rig, self.variables, drums)
-        self._axial_mm = np.where(self._where[:, BY_AXIAL] >= 0, self._rows[:, TRAVEL] * campaign.rig.paid_out(campaign.cables), 0.0)
         self._slots = slots = Slots(self._rows, self._where >= 0)
         self._in_slots = self._where[slots.cable, slots.parameter]
         self._scaled = np.flatnonzero(self._where[:, SCALE] >= 0)
@@ -188,9 +191,14 @@ class Residuals(Problem):
         scales[self._scaled] = theta[self._where[self._scaled, SCALE]]
         counts = np.where(np.isfinite(self.campaign.counts), self.campaign.counts, 0.0) * (self._scales / scales)
         rows = self._slots.filled(self._rows, theta[self._in_slots] * self._factor[self._in_slots])
-        # an axial offset holds at the length that the rig states, not where these counters were zeroed
-        rows[:, AXIAL] += self._axial_mm
-        return self._tilt.added(rows, theta), scales, counts
+        rows, own = self._tilt.added(rows, theta), self._with_length
+        if len(own):
+            # where the pay-out points were at the zero poses follows from the lengths there, and these from the unknowns
+            zero, drums = self.campaign.zero[own], rows[own]
+            longer = np.diag(span_lengths(drums, self.poses(theta)[zero])) - self._lengths_mm
+            paid = counts_from_changes(drums, longer[None])[0] - counts[zero, own]
+            rows[own, AXIAL] += drums[:, TRAVEL] * np.where(np.isfinite(paid), paid, 0.0)
+        return rows, scales, counts
 
     def parts(self, theta: FloatArray) -> Parts | None:
         """The parts that are not as drawn when the unknowns are theta (P,); None where there are none."""
