@@ -10,6 +10,7 @@ from campaigns_of_truth import TRUTH, codes, held_out_errors, true_rig
 from scipy.spatial.transform import Rotation
 from zeroed import exact_poses, zeroed_exactly
 
+import lmeasure as lm
 from lmeasure.calibration import Calibration, CalibrationSettings, Campaign, Model, calibrate, read_campaign, unknowns_of
 from lmeasure.calibration.solve.unknowns import rig_with
 from lmeasure.core import CalibrationError, LMeasureError
@@ -45,6 +46,19 @@ def test_twelve_exact_poses_predict_held_out_lengths(twelve: Calibration) -> Non
     assert twelve.record.equations == 66
     assert not twelve.record.warnings
     assert not twelve.record.unobservable
+
+
+def test_cables_that_end_on_one_line_are_calibrated_without_a_word_on_poses(twelve: Calibration) -> None:
+    rig = rig_from_dict(twelve.campaign.rig.to_dict() | {"tool": {"P1": [0, 0, -50], "P2": [0, 0, 0], "P3": [0, 0, 60]}})
+    scenario = {
+        "waypoint": [{"position_mm": [0, 0, 0]}],
+        "motion": {"dwell_s": 0.5},
+        "reference_poses": {"count": 12, "u_position_mm": 0.02},
+    }
+    found = lm.calibrate(lm.simulate(scenario, rig=rig, rate_hz=50.0))
+    assert found.record.rank == 30
+    assert found.predicted.pose.shape[1] == 0
+    assert twelve.predicted.pose.shape[1] == 6
 
 
 def test_four_poses_are_underdetermined_and_say_so(four: Calibration) -> None:

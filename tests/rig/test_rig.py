@@ -214,7 +214,7 @@ def test_a_pose_needs_six_cables() -> None:
 )
 def test_attachment_points_on_one_line_tell_no_orientation(tool: dict[str, Any]) -> None:
     rig = rig_from_dict(six() | {"tool": tool})
-    with pytest.raises(RigError, match=r"tool: the attachment points P1, P2, P3 lie on one line; the orientation cannot be measured"):
+    with pytest.raises(RigError, match=r"tool: all cables end at P1, P2, P3; to measure the orientation, they must end at three points"):
         rig.require_pose()
 
 

@@ -56,15 +56,17 @@ def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int =
         own = covariance[j * width : (j + 1) * width, j * width : (j + 1) * width]
         u[:, j] = np.sqrt(np.maximum(np.einsum("na,ab,nb->n", g[:, j], own, g[:, j]), 0.0))
     pose = np.empty((len(rows), 0))
-    if len(cables) == CABLES_FOR_A_POSE and len({c.to_point for c in cables}) >= 3:
-        pose = _of_poses(kernel_rows, rows, g, covariance)
+    if len(cables) == CABLES_FOR_A_POSE:
+        wrenches = span_rows_of(kernel_rows, np.ascontiguousarray(rows))
+        if (np.linalg.matrix_rank(wrenches) == CABLES_FOR_A_POSE).all():
+            pose = _of_poses(wrenches, g, covariance)
     return Prediction(rows, u, pose)
 
 
-def _of_poses(kernel_rows: FloatArray, rows: FloatArray, g: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(n, 6) standard uncertainties of tool's origin and rotation at (n, 7) poses whose m lengths err by g (n, m, w) per parameter."""
+def _of_poses(wrenches: FloatArray, g: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(n, 6) standard uncertainties of tool's origin and rotation at n poses whose m lengths err by g (n, m, w) per parameter."""
     n, m, width = g.shape
     every = np.zeros((n, m, m, width))
     every[:, np.arange(m), np.arange(m)] = g
-    by = np.linalg.inv(span_rows_of(kernel_rows, np.ascontiguousarray(rows))) @ every.reshape(n, m, m * width)
+    by = np.linalg.inv(wrenches) @ every.reshape(n, m, m * width)
     return np.asarray(np.sqrt(np.maximum(np.einsum("nia,ab,nib->ni", by, covariance, by), 0.0))[:, [3, 4, 5, 0, 1, 2]])
