@@ -86,11 +86,24 @@ class Maker:
     def components(self, stem: str, clause: str, of: Function, axes: Sequence[str] = AXES, **more: Any) -> list[Figure]:
         """Figures of the components of (..., 3): of lengths along axes, or of angles."""
         given = {"unit": "deg", "angles": self.angles} if axes is ANGLES else {"unit": "mm"}
-        return [self.one(f"{stem}_{a}", clause, of=component(of, i), **given, **more) for i, a in enumerate(axes)]
+        whole = _Whole(of)
+        return [self.one(f"{stem}_{a}", clause, of=component(whole, i), **given, **more) for i, a in enumerate(axes)]
 
     def rotation(self, name: str, clause: str, of: Function) -> Figure:
         """A figure of the rotation as a whole, which the standard does not have."""
         return self.one(name, clause, "deg", of, extension=True)
+
+
+class _Whole:
+    """Compute a figure of several components once for all of them."""
+
+    def __init__(self, of: Function) -> None:
+        self._of, self._states, self._value = of, None, np.empty(0)
+
+    def __call__(self, states: Any) -> FloatArray:
+        if states is not self._states:
+            self._states, self._value = states, self._of(states)
+        return self._value
 
 
 def component(of: Function, *index: int) -> Function:

@@ -32,7 +32,7 @@ NORMAL_95_ONE_SIDED = 1.6448536269514722
 STEP = 1e-3
 """Part of the errors used as step for the linear law: derivatives along the drawn errors."""
 NO_ERROR = 1e-12  # mm, rad
-POINTS_AT_ONCE = 100_000
+POINTS_AT_ONCE, DRAWS_AT_ONCE = 100_000, 200_000
 LINEAR_TRIALS = 500
 """Most variables of a part's own errors that have a derivative each. As many draws replace more: their deviation is known to 3 %."""
 
@@ -110,8 +110,11 @@ def reduction_of_mean(observed: FloatArray | float, added: FloatArray | float, a
 def drawn_errors(e: PoseErrors, rng: np.random.Generator, common: FloatArray) -> FloatArray:
     """Errors (trials, n, 6) of a part, with the run's own draws common (trials, K)."""
     trials, n = len(common), len(e)
-    out = np.einsum("nij,tnj->tni", e.own, e.drawn(rng, (trials, n, e.own.shape[2])), optimize=True)
-    out += (common @ e.shared.reshape(n * 6, -1).T).reshape(trials, n, 6)
+    out = (common @ e.shared.reshape(n * 6, -1).T).reshape(trials, n, 6)
+    at_once = max(DRAWS_AT_ONCE // max(e.own[:, 0].size, 1), 1)
+    for first in range(0, trials, at_once):
+        some = out[first : first + at_once]
+        some += np.einsum("nij,tnj->tni", e.own, e.drawn(rng, (len(some), n, e.own.shape[2])), optimize=True)
     if e.local.any():
         drawn = e.drawn(rng, (trials, int(e.place.max()) + 1, e.local.shape[2]))
         out += np.einsum("nij,tnj->tni", e.local, drawn[:, e.place], optimize=True)
@@ -140,13 +143,17 @@ def propagate(
     still = {name: np.zeros((len(p.errors), 6)) for name, p in parts.items()}
     uses: list[set[Subject]] = [set() for _ in figures]
 
-    def values(errors: dict[Subject, FloatArray], chosen: Sequence[int], *, reduced: bool) -> list[FloatArray]:
+    def states(errors: dict[Subject, FloatArray], *, reduced: bool) -> dict[Subject, Any]:
         moved = fitted(errors) if fitted is not None else errors
-        states = {name: parts[name].state(e, reduced) for name, e in moved.items()}
-        return [np.atleast_1d(figures[i](_Watched(states, uses[i]))) for i in chosen]
+        return {name: parts[name].state(e, reduced) for name, e in moved.items()}
 
-    every = range(len(figures))
-    base, measured = values(still, every, reduced=True), values(still, every, reduced=False)
+    def values(errors: dict[Subject, FloatArray], chosen: Sequence[int], *, reduced: bool) -> list[FloatArray]:
+        moved = states(errors, reduced=reduced)
+        return [np.atleast_1d(figures[i](moved)) for i in chosen]
+
+    every, unmoved = range(len(figures)), states(still, reduced=True)
+    base = [np.atleast_1d(figure(_Watched(unmoved, used))) for figure, used in zip(figures, uses, strict=True)]
+    measured = values(still, every, reduced=False)
     error = np.empty((len(figures), trials))
     for first in range(0, trials, at_once):
         last = min(first + at_once, trials)

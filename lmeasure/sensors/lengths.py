@@ -6,7 +6,7 @@ that its zero is exact.
 """
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -96,6 +96,14 @@ class Lengths(Shown):
         some |= {"cables": self.cables[:m], "reasons": self.reasons[:m], "angles": self.angles[:m]}
         frames = None if self.frames is None else (self.frames[0][:, :m], self.frames[1][:, :m])
         return replace(self, **some, frames=frames, encoders=0)
+
+    def part(self, rows: slice) -> "Lengths":
+        """Return the same for some of the samples."""
+        named = {f.name: getattr(self, f.name) for f in fields(self)}
+        some: dict[str, Any] = {name: values[rows] for name, values in named.items() if isinstance(values, np.ndarray)}
+        reasons = tuple(tuple(why._replace(mask=why.mask[rows]) for why in each) for each in self.reasons)
+        frames = None if self.frames is None else (self.frames[0][rows], self.frames[1][rows])
+        return replace(self, **some, reasons=reasons, frames=frames)
 
     @property
     def u_mm(self) -> FloatArray | None:

@@ -219,7 +219,7 @@ class PathPart:
         turned = e[..., :3]
         return Planes(
             position,
-            None if state.angles_deg is None else state.angles_deg + np.einsum("mij,...mnj->...mni", self._rates[0], turned),
+            None if state.angles_deg is None else state.angles_deg + turned @ np.swapaxes(self._rates[0], -1, -2),
             None if state.turn_deg is None else state.turn_deg + np.degrees(turned),
             state.speed_mm_s * (1.0 + stretch),
         )

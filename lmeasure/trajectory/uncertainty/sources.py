@@ -200,7 +200,12 @@ def drawn(sources: tuple[Source, ...], generator: "np.random.Generator") -> Floa
 
 def standard(generator: "np.random.Generator", shape: tuple[int, ...], uniform: bool) -> FloatArray:
     """Draws of unit variance, uniform or normal."""
-    return np.sqrt(12.0) * (generator.random(shape) - 0.5) if uniform else generator.standard_normal(shape)
+    if not uniform:
+        return generator.standard_normal(shape)
+    out = generator.random(shape)
+    out -= 0.5
+    out *= np.sqrt(12.0)
+    return out
 
 
 @dataclass(frozen=True)
