@@ -1,4 +1,4 @@
-"""Qualification of this program on the user's machine, as ISO/IEC 17025 clause 7.11 asks before use."""
+"""Qualification of this program on the user's machine, which ISO/IEC 17025 clause 7.11 requires before use."""
 
 import lazy_loader
 

@@ -35,7 +35,7 @@ SPACING_MM = 1e-9
 
 @dataclass(frozen=True)
 class Check:
-    """A check: code of its text, whether it passed, what was found, and what was wanted."""
+    """A check: code of its text, whether it passed, the found and the wanted value."""
 
     code: str
     passed: bool
@@ -249,5 +249,5 @@ def write_qualification(folder: Path, checks: tuple[Check, ...], key: Path | Non
 
 
 def check_text(check: Check) -> Message:
-    """Return what a check does, for a person."""
+    """Return the purpose of a check."""
     return message(f"qualify.{check.code}")

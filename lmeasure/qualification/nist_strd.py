@@ -103,7 +103,7 @@ class Judged:
 
     @property
     def right(self) -> bool:
-        """Whether the result is right, or says that it is not."""
+        """Return whether the result is right, or reports that it is not."""
         return self.digits >= DIGITS or not self.converged
 
 
@@ -160,7 +160,7 @@ def judge_all() -> Iterator[Judged]:
 
 
 def _ordered(name: str, theta: FloatArray) -> list[int]:
-    """Return the order of the parameters in which terms that may change places stand as in the certified result: by their rates."""
+    """Return the order of the parameters that matches interchangeable terms to the certified result: by their rates."""
     order = list(range(len(theta)))
     if name == "MGH17" and theta[3] > theta[4]:
         order = [0, 2, 1, 4, 3]

@@ -36,9 +36,9 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Example:
-    """Functions of (..., k) quantities with values and u (k,), normal or rectangular, and what is printed: statistic, numbers, largest
-    relative difference. Statistics: u by first order, drawn u, bias, u95, r of pairs of results, parts: contributions to the first result.
-    """
+    """Functions of (..., k) quantities with values and u (k,), normal or rectangular, and the printed result: statistic, numbers, largest
+    relative difference. Statistics: u by first order, drawn u, bias, u95, r of pairs of results, parts: contributions to the first
+    result."""
 
     name: str
     models: tuple[Model, ...]
@@ -49,7 +49,7 @@ class Example:
     correlation: FloatArray | None = None
 
     def spreads(self) -> list[Spread]:
-        """Return what the propagation makes of it."""
+        """Return the results of the propagation."""
         root = np.diag(np.asarray(self.u, dtype=np.float64))
         if self.correlation is not None:
             root = root @ np.linalg.cholesky(self.correlation)
@@ -160,4 +160,4 @@ EXAMPLES: tuple[Example, ...] = (
     Example("JCGM 102 9.3.2", POLAR, (0.001, 0.0), (0.01, 0.01), (("bias", (0.0116,), 0.02), ("drawn", (0.0066,), 0.02))),
     Example("JCGM 102 9.3.4", POLAR, (0.1, 0.0), (0.01, 0.01), (("u", (0.010, 0.1), 0.02), ("drawn", (0.010,), 0.02), ("r", (0.0,), 1e-3))),
 )  # fmt: skip
-"""Examples, with what the documents print."""
+"""Examples with the results printed in the documents."""

@@ -1,4 +1,4 @@
-"""Recorded counts of one pass, and what a finite counter hides: wraps, jumps, gaps."""
+"""Recorded counts of one pass, and the effects of a finite counter: wraps, jumps, gaps."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -87,7 +87,7 @@ class Counts(Shown):
         return np.asarray(self.recorded[:, self.channels.index(channel)])
 
     def rising(self) -> FloatArray:
-        """(k,) times [s] of the samples at which sync is 1 after being 0. A 1 in the first sample is no edge: nobody saw it rise."""
+        """Return (k,) times [s] of the samples at which sync is 1 after being 0. A 1 in the first sample is no edge."""
         if self.sync is None:
             return np.empty(0)
         return np.asarray(self.time_s[1:][(self.sync[1:] == 1) & (self.sync[:-1] == 0)])
@@ -225,9 +225,9 @@ def write_counts(path: Path, counts: Counts, metadata: Mapping[str, str] | None 
 class Unwrapped:
     """A counter with its wraps undone.
 
-    counts (n,) continuous, NaN where there is none; what (n,) codes of `kernels.counter`: followed, empty, jumped, unsure, foreign, went
-    on; inferred_bits: the counter's width when it was not stated and its jumps are those of wraps, or None. believed_rate: the rate [1/s]
-    by which it may have gone in a pause, where the motion had to tell; None where it had not.
+    counts (n,) continuous, NaN without one; what (n,) codes of `kernels.counter`: followed, empty, jumped, unsure, foreign, went on;
+    inferred_bits: width of the counter inferred from jumps that are wraps, or None. believed_rate: possible rate [1/s] in a pause, taken
+    from the motion if needed, else None.
     """
 
     counts: FloatArray
@@ -246,11 +246,11 @@ def unwrap(
     state: FloatArray | None = None,
     codes: int | None = None,
 ) -> Unwrapped:
-    """Undo the wraps of a counter of `bits` bits (None: infer from the jumps) and find what cannot be a motion; codes: how many values an
-    absolute encoder has instead, 0 .. codes - 1, whose counts are whole turns off at most, wherever it was meanwhile.
+    """Undo the wraps of a counter of `bits` bits (None: infer from the jumps) and find impossible motions. codes: number of values of an
+    absolute encoder instead, 0 .. codes - 1, whose counts are wrong by whole turns at most, whatever happened meanwhile.
 
-    recorded (n,) with NaN gaps; max_rate is the largest rate in recorded counts per second; stated: by somebody who knows, else what the
-    counter may have gone unseen is taken from the motion itself (`RateEvidence`). See `kernels.counter.resume_counting`; a state is that of
+    recorded (n,) with NaN gaps; max_rate is the largest rate in recorded counts per second; stated: whether that is a statement; else the
+    motion itself shows the possible unseen change (`RateEvidence`). See `kernels.counter.resume_counting`; a state is that of
     `kernels.counter.resume`, and then nothing is inferred: a piece does not show the whole counter.
     """
     inferred = None
@@ -325,7 +325,7 @@ class WidthEvidence(_Pieces):
             self._short[bits] |= bool((np.abs(steps - full) <= np.minimum(limit, full / 2)).any())
 
     def bits(self) -> int | None:
-        """The smallest usual width that holds all values and turns an impossible step into a possible one; None when no step asks."""
+        """Return the smallest usual width that contains all values and makes an impossible step possible; None without such a step."""
         for bits in INFERRED_BITS:
             full = 2.0**bits
             if self._short[bits] and self._least >= -full / 2 and self._most < full and self._most - self._least < full:
@@ -357,8 +357,8 @@ class RateEvidence(_Pieces):
         self._fastest = max(self._fastest, float((steps[possible] / np.maximum(pauses[possible], 1e-12)).max(initial=0.0)))
 
     def believed(self) -> float:
-        """The rate [1/s] by which the counter may have gone in a pause: twice the fastest that was seen, at least a tenth of the bound and
-        at most that; 0 where the bound itself leaves no doubt, or its steps are so long that the other way round may be the right one."""
+        """Return the possible rate [1/s] of the counter in a pause: twice the fastest observed one, at least a tenth of the bound and at
+        most that. It is 0 if the bound itself leaves no doubt, or if its steps are so long that the opposite direction may be right."""
         if self._rate * self._pause + 1.0 < self._full / 2.0 or self._longest >= self._full / 4.0:
             return 0.0
         return min(self._rate, max(2.0 * self._fastest, self._rate / 10.0))

@@ -31,11 +31,10 @@ STATED = (
 def read_pose_table(
     path: Path, angles: str, columns: Mapping[str, Column] | None = None, *, unnamed: bool = False, part: bool = False
 ) -> files.Table:
-    """A table with our own columns: pose, x_mm, y_mm, z_mm, and quaternions or the angles of the convention where it has orientations.
+    """Return a table with our own columns: pose, x_mm, y_mm, z_mm, and quaternions or the angles of the convention if it has orientations.
 
-    columns: which column is which, as `foreign.columns_of` reads it; pose may be called name too, or be a first column without a name.
-    unnamed: poses without these are called by their number, from 1. part: columns speaks of other tables too. FileFormatError says what is
-    missing.
+    columns: assignment of columns, as in `foreign.columns_of`; pose may be called name too, or be a first column without a name. unnamed:
+    poses without names get their number, from 1. part: columns may name those of other tables too. FileFormatError names missing parts.
     """
     path = Path(path)
     if not columns and (not path.is_file() or path.suffix.lower() == ".parquet" or _is_ours(path)):
@@ -62,7 +61,7 @@ def read_pose_table(
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether the header is one of this program: names with units, commas between."""
+    """Return whether the header is one of this program: names with units, commas between."""
     line = next((line for line in text_of(path).splitlines() if line.strip()), "")
     names = [name.strip().strip('"') for name in line.split(",")]
     return "pose" in names and any(f"{axis}_mm" in names for axis in PLACES) and not any(name.endswith("_rad") for name in names)
@@ -138,7 +137,7 @@ class Poses(Shown):
         return Poses(tuple(self.names[i] for i in index), *stated, self.oriented, self.absent)
 
     def with_uncertainty(self, u_position_mm: float | None = None, u_rotation_rad: float | None = None) -> "Poses":
-        """With these standard uncertainties instead of what is stated, or is not; None leaves what there is."""
+        """Return the poses with these standard uncertainties instead of stated or missing ones; None keeps them."""
         n, given = len(self), {"position": u_position_mm, "rotation": u_rotation_rad}
         place = self.u_position_mm if u_position_mm is None else np.full(n, u_position_mm)
         turn = self.u_rotation_rad if u_rotation_rad is None else np.full(n, u_rotation_rad)
@@ -151,7 +150,7 @@ class Poses(Shown):
         return replace(self, u_position_mm=place, u_rotation_rad=turn, covariance=covariance, absent=absent)
 
     def or_uncertain(self, u_position_mm: float, u_rotation_rad: float) -> "Poses":
-        """With these standard uncertainties for poses that state none."""
+        """Return the poses with these standard uncertainties if they state none."""
         stated = (self.u_position_mm > 0) | (self.u_rotation_rad > 0)
         other = Poses(self.names, self.rows, np.full(len(self), u_position_mm), np.full(len(self), u_rotation_rad))
         place, turn = np.where(stated, self.u_position_mm, u_position_mm), np.where(stated, self.u_rotation_rad, u_rotation_rad)

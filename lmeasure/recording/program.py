@@ -219,7 +219,7 @@ class Distance(Strict):
 
     @property
     def name(self) -> str:
-        """As the certificate writes it."""
+        """Return the name in the form of the certificate."""
         return f"{self.from_pose}-{self.to_pose}"
 
 
@@ -361,7 +361,7 @@ class Program(Shown, Strict):
         )
 
     def about(self) -> dict[str, str]:
-        """Name, and what is reported of it."""
+        """Return the name, and a report."""
         parts = {"poses": self.pose, "paths": self.path, "distances": self.distance, "posings": self.posing, "tolerances": self.tolerance}
         return ({} if self.name is None else {"name": self.name}) | {name: str(len(part)) for name, part in parts.items() if part}
 
@@ -372,7 +372,7 @@ class Program(Shown, Strict):
         return framed([dict(zip(columns, row, strict=True)) for row in rows])
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of program.toml, keys left out where they say nothing."""
+        """Return the content of program.toml without empty keys."""
         return {"schema": self.schema_} | self.model_dump(by_alias=True, exclude_defaults=True, mode="json")
 
 

@@ -1,6 +1,6 @@
 """The run folder: run.toml, the rig (with its calibration record when linked) and the counts of each pass.
 
-Its run.toml states how the passes were recorded too: whether the counts are those that were recorded, and what happened meanwhile.
+Its run.toml states how the passes were recorded too: whether the counts are the recorded ones, and the events meanwhile.
 """
 
 import math
@@ -77,8 +77,8 @@ class StatedStart:
 
 
 def stated_start(text: str) -> StatedStart:
-    """What a --start option states: numbers with commas or blanks, x, y, z [mm] and three angles in the rig's convention, or qx, qy, qz,
-    qw, or a file with a table start.
+    """Return the start of a --start option: numbers with commas or blanks, x, y, z [mm] and three angles in the rig's convention, or qx,
+    qy, qz, qw, or a file with a table start.
 
     FileFormatError names the option or the file.
     """
@@ -93,7 +93,7 @@ def stated_start(text: str) -> StatedStart:
 
 
 def start_from_text(text: str, rig: Rig) -> FloatArray:
-    """(7,) the pose that a --start option states for a rig; FileFormatError says what is wrong with it."""
+    """Return the (7,) pose of a --start option for a rig; FileFormatError names its fault."""
     stated = stated_start(text)
     return start_of_rig(stated.table, rig, stated.source)
 
@@ -107,11 +107,11 @@ def start_from(path: Path) -> StatedStart:
 
 
 def start_of_rig(start: Any, rig: Rig, path: Path | str) -> FloatArray:
-    """(7,) the pose of a [start] table: as stated, or that whose cables have its lengths_mm.
+    """Return the (7,) pose of a [start] table: as stated, or the one whose cables have its lengths_mm.
 
-    Lengths fit several assemblies. The rig's `side` and the table's own position and orientation, which then only say about where the tool
-    is, choose among them. Where the search may have missed some, only a stated place chooses. FileFormatError names the path, and lists the
-    assemblies among which nothing chooses.
+    Lengths fit several assemblies. The rig's `side` and the table's own position and orientation, which are then only approximate, choose
+    among them. If the search may have missed some, only a stated position chooses. FileFormatError names the path, and lists the assemblies
+    among which nothing chooses.
     """
     if not isinstance(start, dict) or LENGTHS not in start:
         return start_pose(start, rig.angles, path)
@@ -147,7 +147,7 @@ def _size(rows: FloatArray) -> float:
 
 
 def _about(start: dict[str, Any], rig: Rig, path: Path | str) -> tuple[FloatArray | None, FloatArray | None]:
-    """The place and the orientation (quaternion) that a table with lengths states, or None for what it leaves open."""
+    """Return the position and the orientation (quaternion) that a table with lengths states, or None for missing ones."""
     place = {key: start[key] for key in start if key != LENGTHS}
     turned = any(key not in ("position_mm", *START_UNCERTAINTY) for key in place)
     if turned and "position_mm" not in place:
@@ -221,7 +221,7 @@ class StartErrors:
 
     @classmethod
     def of(cls, stated: UStart, unstated: Unstated) -> "StartErrors":
-        """Return them with typical sizes for what is not stated, or 0. A pose that comes from lengths errs with these alone."""
+        """Return them with typical sizes for unstated ones, or 0. A pose from lengths has these errors alone."""
         keys = [key if u is None and unstated == "typical" else "" for key, u in zip(START_UNCERTAINTY, stated, strict=False)]
         if len(stated) > 2:
             keys[:2] = "", ""
@@ -298,15 +298,15 @@ class RunFile(Strict):
 
 
 HARMLESS = ("duplicate", "duplicate_sync", "reordered", "wrap", "stamp", "clock_wrap", "unanswered")
-"""Faults after which the counts are what they would have been without."""
+"""Faults that do not change the counts."""
 
 
 @dataclass(frozen=True)
 class Recorded:
     """Recording conditions of one pass.
 
-    early: the recording broke off, why says for what reason; faults: how many of each kind; closure_counts: by channel, the mean of the
-    last rest less that of the first, as the recorder saw it; sha256: digests of files that the recorder wrote, by name.
+    early: the recording broke off, why: the reason; faults: number of each kind; closure_counts: by channel, the recorder's mean of the
+    last rest minus that of the first; sha256: digests of the recorder's files, by name.
     """
 
     passage: int
@@ -370,7 +370,7 @@ class _Recordings(Strict):
 
 
 def recorded_in(data: dict[str, Any], path: Path) -> tuple[Recorded, ...]:
-    """The [[recording]] tables of a run.toml; FileFormatError names one that is not what `record` and `import` write."""
+    """Return the [[recording]] tables of a run.toml; FileFormatError names one in another form than that of `record` and `import`."""
     return tuple(one.recorded(number) for number, one in enumerate(checked(data, _Recordings, str(path)).recording, 1))
 
 
@@ -439,7 +439,7 @@ class Run(Shown):
 
     @property
     def known_start(self) -> FloatArray:
-        """(7,) the start pose; TrajectoryError, which says what to do, where it is unknown."""
+        """Return the (7,) start pose; TrajectoryError, with the remedy, if it is unknown."""
         return known(self.start, self.passes[0].source if self.passes else "", self.rig)
 
     @property
@@ -467,12 +467,10 @@ class RunHead:
 
     @property
     def known_start(self) -> FloatArray:
-        """As that of `Run`."""
         return known(self.start, str(self.counts[0]), self.rig)
 
     @property
     def start_errors(self) -> StartErrors:
-        """As those of `Run`."""
         return StartErrors.of(self.u_start, self.unstated)
 
 

@@ -212,8 +212,8 @@ class Limits(Strict):
 
 @dataclass(frozen=True)
 class Due:
-    """When a subject is due, by a result. day: None where nothing is registered; last: value of the last calibration; drift: per year, with
-    its standard uncertainty, None where too few calibrations determine it; beyond: whether the last value is beyond its limits."""
+    """Due date of a subject by a result. day: None without an entry; last: value of the last calibration; drift: per year, with its
+    standard uncertainty, None with too few calibrations; beyond: whether the last value is beyond its limits."""
 
     limit: Limit
     unit: str
@@ -227,7 +227,7 @@ class Due:
         return self.beyond or (self.day is not None and self.day <= today)
 
     def said(self, today: datetime.date) -> Message:
-        """Return the line of a list of what is due."""
+        """Return the line of a list of due subjects."""
         about = {"subject": self.limit.subject, "result": self.limit.result, "unit": self.unit, "risk": self.limit.risk_percent}
         if self.day is None:
             return message("register.never", **about)

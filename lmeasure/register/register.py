@@ -1,10 +1,10 @@
 """A register of calibrations, intermediate checks, certificates and references: append-only, each row chained to the row before.
 
-    hash of a row = SHA-256(hash of the row before, its content as canonical JSON, who added it and when)
+    hash of a row = SHA-256(hash of the row before, its content as canonical JSON, author and time)
 
-A row that was changed, removed or put between others breaks the chain from there on (`Register.faults`); the newest hash, written down
-elsewhere, shows that none was cut off the end. The database refuses changes too (triggers). SQLAlchemy speaks to SQLite and to PostgreSQL,
-so that several machines may share a register. The table `version` has the number of each version that the register went through.
+A changed, removed or inserted row breaks the chain from there on (`Register.faults`); the newest hash, kept elsewhere, shows that no row
+was removed at the end. The database refuses changes too (triggers). SQLAlchemy speaks to SQLite and to PostgreSQL, so that several machines
+may share a register. The table `version` has the number of each version that the register went through.
 """
 
 import datetime

@@ -16,7 +16,7 @@ HARMLESS = ("assumed_rotation", "assumed_position")
 
 
 def write_calibration_page(path: Path, calibration: Calibration, comparison: Comparison | None = None, language: str = "en") -> None:
-    """Write a self-contained HTML page of the calibration, and of what moved since an earlier one, whole or not at all."""
+    """Write a self-contained HTML page of the calibration, and of changes since an earlier one, whole or not at all."""
     record, say = calibration.record, Say(language)
     plots = {"predicted": figure(worst_figure(calibration, say), "predicted", language)}
     if any(settled(r.mm) for r in record.residuals):  # else a drawing would show how the arithmetic was rounded
@@ -34,7 +34,7 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
 
 
 def answer(folder: str, calibration: Calibration, comparison: Comparison | None, say: Say) -> html.Answer:
-    """Return the first screen: whether the rig may be used, how good it is, what limits it, and what to do next."""
+    """Return the first screen: whether the rig may be used, its uncertainty, the largest limitation, and the next step."""
     record, refused = calibration.record, calibration.refused
     # what is unobservable has its warning too
     limitations = len(record.unobservable) + sum(w.code not in (*HARMLESS, "underdetermined") for w in record.warnings)
@@ -113,7 +113,7 @@ def _steps(folder: str, calibration: Calibration, say: Say) -> tuple[html.Step, 
 
 
 def _moved(comparison: Comparison | None, say: Say) -> dict[str, Rows]:
-    """Return the rows of all tables of what moved, with a last column where anything is marked."""
+    """Return the rows of all tables of changes, with a last column if anything is marked."""
     if comparison is None:
         return {}
     number, moved = say.number, say("page.moved")

@@ -1,4 +1,4 @@
-"""The figures of a calibration: the rig in space, residuals, what the counts see, and what they make of lengths."""
+"""Figures of a calibration: the rig in space, residuals, determined combinations, and the uncertainty of lengths."""
 
 from collections import Counter
 
@@ -12,15 +12,15 @@ from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.text import ENGLISH, Say
 
 BEFORE, AFTER = figures.PALETTE[1], figures.PALETTE[0]
-"""As other pages have them."""
+"""Colours before and after, as in other pages."""
 POWERS = 1e6
 """Range over which each power of ten has a mark on a telephone."""
 FEW = 8
-"""Marks that find room beside names on a telephone, of which the outer ones are not seen."""
+"""Most marks with names beside them on a telephone; the outer names are hidden."""
 
 
 def residuals_figure(record: CalibrationRecord, rig: Rig | None, say: Say = ENGLISH) -> go.Figure:
-    """Residual of each channel at each reference pose; the rig tells which are angles, without it the zeros that were solved."""
+    """Return residuals of each channel at each reference pose; the rig shows which are angles, without it the solved zeros do."""
     figure = go.Figure()
     encoders = {p.name.removesuffix(".zero_deg") for p in record.parameters if p.name.endswith(".zero_deg")}
     if rig is not None:
@@ -68,7 +68,7 @@ def worst_figure(calibration: Calibration, say: Say = ENGLISH) -> go.Figure:
 
 
 def spectrum_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
-    """Directions by what the counts leave of the prior."""
+    """Return the uncertainty of parameter combinations after the counts, as parts of the prior."""
     figure = go.Figure()
     for point in sorted({str(d["point"]) for d in record.spectrum}):
         own = [(i, d) for i, d in enumerate(record.spectrum, 1) if d["point"] == point]
@@ -95,7 +95,7 @@ def spectrum_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
 
 
 def narrowed_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
-    """Values by what the counts leave of their own prior."""
+    """Return the uncertainty of values after the counts, as parts of their own prior."""
     figure = go.Figure()
     names = [html.label(p.name) for p in record.parameters]
     priors = [p.prior_u for p in record.parameters]

@@ -90,10 +90,10 @@ def write_certificate(
     trajectory: Trajectory | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
-    """Write the folder of a certificate, whole or not at all; the certificate. trajectory: of the run, where it is known already.
+    """Write the folder of a certificate, whole or not at all, and return its content. trajectory: of the run, if already known.
 
-    Raises what reading and evaluating the inputs raise, and CertificationError when the folder is another's or the DCC does not keep to
-    its XSD.
+    Raises the errors of reading and evaluating the inputs, and CertificationError if the folder has other content or the DCC breaks its
+    XSD.
     """
     key = None if choices.key is None else read_private_key(choices.key)
     copies = inputs.copies()
@@ -120,8 +120,8 @@ def write_certificate(
 
 
 def _without_holes(evaluation: Evaluation) -> None:
-    """CertificationError for a path that gets figures though nobody saw part of it. Only new certificates are held to this: those sealed
-    before state what they state, and are verified by it."""
+    """Raise CertificationError for a path with results though part of it has no samples. This applies to new certificates only: earlier
+    sealed ones are verified by their own statements."""
     out = {e.name for e in evaluation.excluded if e.kind == "path"}
     for path in evaluation.paths:
         if path.unseen is not None and path.name not in out:
@@ -129,13 +129,13 @@ def _without_holes(evaluation: Evaluation) -> None:
 
 
 def zip_of(out: Path) -> Path:
-    """Where the .zip of a folder goes."""
+    """Return the path of a folder's .zip."""
     target = Path(out).resolve()
     return target.with_name(target.name + ".zip")
 
 
 def headline(content: dict[str, Any], folder: Path) -> list[str]:
-    """What a person reads on the screen: the figures that matter most, of how many the instrument is capable, where the files are."""
+    """Return the lines on the screen: the most important results, the number of verdicts, and the files."""
     language = content["language"]
     rows = [(f.result, f.where) for f in figures(content)]
     out = [f"{say.title(content)} {content['id']}"]
@@ -151,8 +151,8 @@ def headline(content: dict[str, Any], folder: Path) -> list[str]:
 
 
 def _without_figures(content: dict[str, Any]) -> list[str]:
-    """Poses and paths of the program of which there is no figure, and no reason why: a program that states times of some parts is not
-    looked for in the trajectory, and its other parts would be missing without a word."""
+    """Return poses and paths of the program without a result and without a reason. A program with times of some parts is not searched in
+    the trajectory, and its other parts would be missing silently."""
     names = {kind: [str(part["name"]) for part in content["program"][kind]] for kind in ("pose", "path")}
     reported = {(kind, str(c[kind])) for c in content["characteristics"] for kind in names if c.get(kind) is not None}
     reported |= {(str(e["kind"]), str(e["name"])) for e in content["excluded"]}
@@ -180,7 +180,7 @@ def _verdict(r: say.Result) -> str:
 
 
 def _columns(rows: list[tuple[str, ...]]) -> list[str]:
-    """Rows whose columns stand under each other, numbers to the right."""
+    """Return rows with aligned columns, numbers to the right."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     cells = [[f"{c:>{w}}" if c[:1].isdigit() or c[:1] == "-" else f"{c:{w}}" for c, w in zip(row, widths, strict=True)] for row in rows]
     return [f"  {'  '.join(row)}".rstrip() for row in cells]

@@ -42,7 +42,7 @@ def _name(value: object) -> str:
 
 
 def _group(value: object) -> str:
-    """Return what traces of one pose or path have in common."""
+    """Return the common group of traces of one pose or path."""
     return html.label(say.visible(value))
 
 
@@ -74,7 +74,7 @@ _LINES = (*figures.PALETTE, *qualitative.Dark24)
 
 
 def _one_of(figure: go.Figure, language: str, names: Sequence[object]) -> None:
-    """A list above the figure to look at one pose or path alone; many over one another tell nothing."""
+    """Add a list above the figure to show one pose or path alone; many on top of each other are unreadable."""
     shown = [(word(language, "all"), [True] * len(figure.data))]
     for name in dict.fromkeys(names):
         shown.append((html.label(html.cut(say.visible(name))), [trace.legendgroup == _group(name) for trace in figure.data]))

@@ -37,7 +37,7 @@ def certificate_html(certificate: dict[str, Any], measured: Measured) -> str:
 
 
 def answer(certificate: dict[str, Any], space: pictures.Picture | None, say: Say) -> html.Answer:
-    """Return the first screen: the result in a sentence, pass or fail, the worst figures, what limits them, and what to do next."""
+    """Return the first screen: the result in a sentence, pass or fail, the worst results, their limits, and the next step."""
     state, outcome = texts_of.outcome(certificate)
     rows = []
     for shown in pictures.figures(certificate)[:SHOWN]:

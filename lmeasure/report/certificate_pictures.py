@@ -16,7 +16,7 @@ MOST_POSES = 40
 
 
 class Picture(NamedTuple):
-    """SVGs that belong together, and what is said under them."""
+    """SVGs that belong together, and their caption."""
 
     svgs: tuple[str, ...]
     caption: str

@@ -136,7 +136,7 @@ def _correlations(certificate: dict[str, Any]) -> list[list[object]]:
 
 
 def _contributions(certificate: dict[str, Any]) -> tuple[list[str], list[list[float]]]:
-    """Return the sources of all results, and what each contributes to each result."""
+    """Return the sources of all results, and their contributions to each result."""
     figures = certificate["characteristics"]
     sources = list(dict.fromkeys(row["source"] for f in figures for row in f.get("budget", ())))
     return sources, [
@@ -145,7 +145,7 @@ def _contributions(certificate: dict[str, Any]) -> tuple[list[str], list[list[fl
 
 
 def csv_table(certificate: dict[str, Any]) -> bytes:
-    """certificate.csv: a row for each result, with what each source contributes to it."""
+    """Return certificate.csv: a row for each result, with the contribution of each source."""
     sources, contributions = _contributions(certificate)
     out = io.StringIO()
     rows = csv.writer(out, lineterminator="\n")

@@ -25,7 +25,8 @@ def title(certificate: dict[str, Any]) -> str:
 
 
 def about(certificate: dict[str, Any]) -> Rows:
-    """What ISO/IEC 17025 asks besides results. What is not stated is named in one row, or has a row each where the details ask for it."""
+    """Return the information that ISO/IEC 17025 requires besides results. Missing statements are named in one row, or in a row each if the
+    details request it."""
     language, details = certificate["language"], certificate["details"]
 
     def stated(*path: str) -> str | None:
@@ -75,7 +76,7 @@ def about(certificate: dict[str, Any]) -> Rows:
 
 
 def authoriser(certificate: dict[str, Any]) -> str:
-    """Who answers for the report, or that nobody is stated to."""
+    """Return the person responsible for the report, or that none is stated."""
     stated = certificate["details"].get("authoriser", {})
     reported = ", ".join(visible(stated[key]) for key in ("name", "role") if key in stated)
     return reported or word(certificate["language"], "not_stated")
@@ -128,7 +129,7 @@ def _conditions(language: str, conditions: dict[str, Any]) -> str | None:
 
 
 def part_of(language: str, figure: Mapping[str, Any]) -> str:
-    """Return what of a pose or path a figure is of, such as a corner; empty where it is of the whole."""
+    """Return the part of a pose or path, such as a corner; empty for the whole."""
     part = str(figure.get("part") or "")
     corner = part.removeprefix("corner ")
     return word(language, "part.corner", number=corner) if corner != part and corner.isdecimal() else visible(part)
@@ -145,7 +146,7 @@ def characteristic_name(language: str, name: str) -> str:
 
 
 WHOLE = ("p", "l")
-"""Indices of what is meant where no component is named."""
+"""Indices for the whole, without a component."""
 
 
 def component(language: str, name: str) -> str:
@@ -255,7 +256,7 @@ def load_and_speed(certificate: dict[str, Any]) -> tuple[str, str]:
 
 
 def left_out(certificate: dict[str, Any]) -> str:
-    """Return how much of U95 is assumed because nobody stated it, and the statement that would help most; empty where nothing is."""
+    """Return the assumed part of U95 and the statement that would help most; empty if all is stated."""
     every = (from_stated(e) for e in certificate.get("findings", ()))
     found = [m.text(certificate["language"]) for m in every if m is not None and m.code.startswith("assumed.")]
     text = "; ".join(found[:2])
@@ -263,7 +264,7 @@ def left_out(certificate: dict[str, Any]) -> str:
 
 
 def verdict(language: str, figure: Mapping[str, Any]) -> str:
-    """Whether the instrument was good enough to say the figure; of a component also what it is alone, where that is another."""
+    """Return whether U95 is small enough for a verdict; for a component also its own verdict, if different."""
     if figure.get("excluded"):
         return word(language, "excluded")
     if figure["capable"] is None:
@@ -279,7 +280,7 @@ def rules(certificate: dict[str, Any]) -> set[str]:
 
 
 def tolerance(language: str, conformity: dict[str, Any] | None, *, name_rule: bool) -> tuple[str, str]:
-    """Limits and what was decided on them, by which rule where there are several."""
+    """Return limits and the decision on them, with the rule if there are several."""
     if not conformity:
         return "", ""
     lower, upper = conformity.get("lower"), conformity.get("upper")
@@ -313,7 +314,7 @@ def place_of(language: str, figure: Mapping[str, Any]) -> str:
 
 
 def commanded(certificate: dict[str, Any]) -> Rows:
-    """Poses and paths of the program: what was commanded, at what speed and load."""
+    """Return the commands of the program's poses and paths, with speed and load."""
     language, program = certificate["language"], certificate["program"]
     rows: Rows = []
     for kind, reported in (("pose", _commanded_pose), ("path", _commanded_path)):
@@ -361,7 +362,7 @@ def _seven(language: str, values: list[float]) -> str:
 
 
 def commanded_header(language: str) -> tuple[str, ...]:
-    """Header of the table of what was commanded."""
+    """Return the header of the table of commands."""
     return tuple(word(language, f"column.{key}") for key in ("part", "commanded", "speed", "load"))
 
 
@@ -376,7 +377,7 @@ def excluded(certificate: dict[str, Any]) -> Rows:
 
 
 def uncertainty(certificate: dict[str, Any]) -> list[str]:
-    """Return what U95 and the verdicts mean."""
+    """Return the meaning of U95 and the verdicts."""
     language, settings = certificate["language"], certificate["settings"]
     covers = phrase(certificate, certificate["uncertainty_covers"])
     out = [
@@ -397,7 +398,7 @@ def uncertainty(certificate: dict[str, Any]) -> list[str]:
 
 
 def notes(certificate: dict[str, Any]) -> list[str]:
-    """Return what the reader must know: frame, point, angles, data, and what the computation noted."""
+    """Return remarks for the reader: frame, point, angles, data, and notes of the computation."""
     language, settings = certificate["language"], certificate["settings"]
     figures, instrument, span = certificate["characteristics"], certificate["instrument"], certificate["trajectory"]
     frame = certificate["base_from_program"]
@@ -455,7 +456,7 @@ class Budget(NamedTuple):
 
 
 LEAST_SHOWN = 0.01
-"""Of u: smaller contributions have an empty cell."""
+"""Part of u below which contributions have an empty cell."""
 BUDGET = ("source", "estimate", "u", "distribution", "sensitivity", "freedom", "contribution", "share")
 
 
@@ -535,7 +536,7 @@ def correlations(certificate: dict[str, Any]) -> tuple[tuple[str, ...], Rows]:
 
 
 def statements(certificate: dict[str, Any]) -> list[str]:
-    """Return what must stand on every report."""
+    """Return statements that every report must contain."""
     language = certificate["language"]
     out = [word(language, "only_item"), word(language, "in_full")]
     return out if "accreditation" in certificate["details"] else [*out, word(language, "not_accredited")]

@@ -1,5 +1,4 @@
-"""The page of two certificates side by side: what changed, whether by chance, by how much the robot is nearer, and what keeps it
-from being nearer still."""
+"""The page of two certificates side by side: changes, whether by chance, the robot's improvement, and the limits of further improvement."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ from lmeasure.report.text import axes, unit
 from lmeasure.text import ENGLISH, Say, decimal, message
 
 ARROWS = 0.15
-"""Of the poses' extent: length at which the largest error is drawn."""
+"""Length of the largest error's arrow, as a part of the poses' extent."""
 BEFORE, AFTER, FLOOR = "#d55e00", "#0072b2", "#009e73"
 AT_THE_FLOOR = 1.2
 """Times the floor up to which a mean distance is at it."""
@@ -46,7 +45,7 @@ def write_comparison_page(
 
 
 def answer(found: Comparison, better: Improvement | None, certificates: Sequence[tuple[str, dict[str, Any]]], say: Say) -> html.Answer:
-    """Return the first screen: how much nearer the robot is, or what has changed, what limits that, and what to do next."""
+    """Return the first screen: the robot's improvement or change, its limits, and the next step."""
     changes = [c for pair in found.pairs for c in pair.changes]
     beyond = sum(c.beyond for c in changes)
     moved = [s for pair in found.pairs for s in pair.shifts if s.moved]

@@ -14,7 +14,7 @@ from lmeasure.robot_programs import Corrected, Listing, Outcome
 from lmeasure.text import ENGLISH, Say
 
 ARROWS = 0.1
-"""Of the targets' extent: length at which the largest correction is drawn."""
+"""Length of the largest correction's arrow, as a part of the targets' extent."""
 BEFORE, AFTER, U95 = "#d55e00", "#0072b2", "#009e73"
 MOST_ROWS = 500
 
@@ -22,7 +22,7 @@ MOST_ROWS = 500
 def write_correction_page(
     path: Path, found: Corrected, listing: Listing, *, inputs: Sequence[tuple[str, str]], language: str = "en"
 ) -> None:
-    """Write a self-contained HTML page of what became of a program, whole or not at all; inputs: files with their SHA-256."""
+    """Write a self-contained HTML page of a corrected program, whole or not at all; inputs: files with their SHA-256."""
     say, plots, times = Say(language), {}, 0.0
     if found.done:
         space, times = space_figure(found.done, say)
@@ -35,7 +35,7 @@ def write_correction_page(
 
 
 def answer(found: Corrected, listing: Listing, say: Say) -> html.Answer:
-    """Return the first screen: whether every target was corrected, errors before and left, what limits them, and what to do next."""
+    """Return the first screen: whether every target was corrected, errors before and after, their limits, and the next step."""
     left, done = len(found.outcomes) - found.changed, found.done
     state, verdict = "good", say("correction.every_target_corrected")
     if left or listing.unread:
@@ -72,7 +72,7 @@ def answer(found: Corrected, listing: Listing, say: Say) -> html.Answer:
 
 
 def errors_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> go.Figure:
-    """Error of each target before, and on a scale of their own below what is left and the U95 of where the robot goes."""
+    """Return the error of each target before, and on a scale of its own below the remaining error and U95 of the corrected robot."""
     names = [html.label(o.target.name) for o in done]
     columns = (
         (1, say("page.before"), BEFORE, "circle", [o.correction.was_mm for o in done if o.correction is not None]),
@@ -90,8 +90,8 @@ def errors_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> go.Figure:
 
 
 def space_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> tuple[go.Figure, float]:
-    """Flange, or tool where a map corrected it, at the targets in the robot's base, what the controller gets minus before, and how many
-    times that is enlarged."""
+    """Return the flange (or the tool of a map) at the targets in the robot's base, the new minus the old commands, and their
+    enlargement."""
     corrections = [o.correction for o in done if o.correction is not None]
     places = np.array([c.wanted[:3] for c in corrections])
     change = np.array([c.flange[:3] for c in corrections]) - places
@@ -110,7 +110,7 @@ def space_figure(done: Sequence[Outcome], say: Say = ENGLISH) -> tuple[go.Figure
 
 
 def _targets(found: Corrected, say: Say) -> list[tuple[str, ...]]:
-    """Return every target: its line, by how much it changes, what remains, and why it was left."""
+    """Return every target: its line, its change, the remaining error, and the reason if it was not corrected."""
     number = say.number
     rows: list[tuple[str, ...]] = []
     for o in found.outcomes[:MOST_ROWS]:

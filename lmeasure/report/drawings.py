@@ -1,6 +1,6 @@
-"""Pictures as SVG, the same on paper and on pages: a figure in its tolerance, errors in space, targets, curves, a code to be scanned.
+"""Pictures as SVG, the same on paper and on pages: a result in its tolerance, errors in space, targets, curves, a QR code.
 
-What is drawn was computed elsewhere; here it is only scaled to the picture. Colours can be distinguished without colour vision.
+Values are computed elsewhere; here they are only scaled to the picture. Colours can be distinguished without colour vision.
 """
 
 import itertools
@@ -72,8 +72,8 @@ class Label(NamedTuple):
 
 
 def placed(labels: Sequence[Label], size: float, taken: Sequence[tuple[float, float, float, float]] = ()) -> list[Label]:
-    """Where the texts stand, by their left end and base line, so that none covers another or what is taken (x, y, width, height); one that
-    finds no room is left out."""
+    """Return the places of texts, by their left end and base line, so that none covers another or a taken box (x, y, width, height); texts
+    without room are omitted."""
     boxes = list(taken)
     out = []
     for label in labels:
@@ -180,7 +180,7 @@ def target(seen: Target, label: str) -> str:
 
 
 class Curves(NamedTuple):
-    """Curves (n, m) over x (m,), with a straight line at a height where one is wanted, and what the axes are called."""
+    """Curves (n, m) over x (m,), with a straight line at a height if wanted, and the names of the axes."""
 
     x: FloatArray
     values: FloatArray

@@ -21,7 +21,7 @@ UNUSED = ("sendChartToCloud", "lasso2d", "select2d", "resetCameraLastSave3d")
 
 ROOM = 40
 SEPARATORS = {"en": ".,", "ru": ",\u00a0"}
-"""Decimal mark and what stands between thousands."""
+"""Decimal mark and thousands separator."""
 DATES = {
     "ru": {
         "months": ["январь", "февраль", "март", "апрель", "май", "июнь", "июль", "август", "сентябрь", "октябрь", "ноябрь", "декабрь"],
@@ -31,10 +31,10 @@ DATES = {
         "date": "%d.%m.%Y",
     }
 }
-"""What plotly is to write of times, where that is not English."""
+"""Formats of dates for plotly in other languages than English."""
 _SECOND, _DAY = 1000, 86_400_000
 _STEPS = ((_SECOND, "%H:%M:%S.%L"), (60 * _SECOND, "%H:%M:%S"), (_DAY, "%H:%M"), ("M1", "{day}"), ("M12", "%b"), (None, "%Y"))
-"""How times are written at an axis whose marks lie less than so far apart, in milliseconds or months."""
+"""Formats of times at an axis by the largest distance of its marks, in milliseconds or months."""
 _BENEATH = {"%H:%M": "{day} %Y", "{day}": "%Y", "%b": "%Y"}
 """Text that is written once below the first of them, and wherever it changes."""
 _DAYS = {"en": "%b %-d", "ru": "%-d %b"}
@@ -51,7 +51,7 @@ def of_dates(language: str) -> dict[str, Any]:
 
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#6b7280", "#882255", "#999933", "#117733")
-"""What lines and points are distinguished by where nothing else gives them a colour, also without colour vision (Okabe and Ito; Tol)."""
+"""Default colours of lines and points, distinguishable without colour vision (Okabe and Ito; Tol)."""
 LEGEND = {"orientation": "h", "x": 0.0, "xanchor": "left", "y": 0.0, "yref": "container", "yanchor": "bottom"}
 """Under its figure: beside it, it would take a telephone's whole width, and above it are the buttons."""
 BAR = {"orientation": "h", "y": -0.02, "yanchor": "top", "thickness": 14, "len": 0.9}
@@ -60,32 +60,32 @@ CAMERA = {"eye": {"x": 1.6, "y": 1.6, "z": 1.05}, "center": {"x": 0.0, "y": 0.0,
 TELEPHONE, SIGN, LETTER = 358, 40, 7
 """Width of a figure on a telephone, and of a name in its legend: its sign and each letter, in pixels."""
 LEGEND_HIGH, LINE = 10, 19
-"""Of a legend, in pixels: what it takes, and each line of it."""
+"""Height of a legend and of each of its lines, in pixels."""
 MOST_HIGH, WIDE, LABELLED = 80.0, 90.0, 1.9
-"""Of a scene on a telephone: its largest height and its width in hundredths of the window's, and what figures and names at its axes take
-beside it."""
+"""Largest height and width of a scene on a telephone, in hundredths of the window's width, and the factor for figures and names at its
+axes."""
 GRID = "#a9b4bf"
 """Lines that are seen on light and on dark paper."""
 POINT = "#6b7280"
 """Marks without a meaning of their own, on both."""
 WALL = {"showbackground": False, "gridcolor": GRID, "zerolinecolor": GRID}
-"""Of a scene: lines alone, for a wall that is filled hides what of a label lies behind it, and on a telephone labels are large."""
+"""Axes of a scene with lines alone: a filled wall would hide the part of a label behind it, and labels are large on a telephone."""
 FLAT_WIDE = 70.0
-"""Of a drawing of one scale on a telephone: its width without figures and margins, in hundredths of the window's."""
+"""Width of a drawing of one scale on a telephone without figures and margins, in hundredths of the window's."""
 COLOURS = 70
-"""Of a colour bar under a scene: its height in pixels."""
+"""Height of a colour bar under a scene, in pixels."""
 UNDER = 80
 """Room for it under a scene: where plotly has to find more, as in a window made narrower, it draws the bar too low at first."""
 NEARER = 0.85
-"""By how much the eye comes nearer to the scene of a first screen, which is wider than high."""
+"""Factor by which the eye comes nearer to the scene of a first screen, which is wider than high."""
 HALF_VIEW = math.tan(math.pi / 8)
-"""Half of what plotly's eye sees from top to bottom, at the distance one."""
+"""Half of the height that plotly's eye sees at the distance one."""
 FLATTEST = 0.05
-"""Of the widest side of a scene: what a side of none counts for."""
+"""Least side of a scene, as a part of its widest side."""
 FOOT = 0.12
-"""Of the widest side of a scene: how far above its foot the upright axis has its first figure, as another axis has its own there."""
+"""Height of the upright axis's first figure above its foot, as a part of a scene's widest side: another axis has its own there."""
 BEYOND = 0.08
-"""Of the extent: room around a scene, beyond which labels would be cut off."""
+"""Room around a scene, as a part of its extent, so that labels are not cut off."""
 
 
 def figure(drawing: go.Figure, name: str, language: str = "en", *, hero: bool = False) -> Markup:
@@ -145,7 +145,7 @@ def add_points(drawing: go.Figure, points: Iterable[ObservationPoint], say: Say,
 
 
 def settled(drawing: go.Figure) -> go.Figure:
-    """The figure with room for its buttons, labels and legend at every width, where it does not say itself how it wants them."""
+    """Return the figure with room for its buttons, labels and legend at every width, unless it sets its own."""
     legend, margin = drawing.layout.legend, drawing.layout.margin
     clear = "rgba(0, 0, 0, 0)"
     drawing.update_layout(
@@ -197,14 +197,14 @@ def _legend_high(drawing: go.Figure) -> int:
 
 
 def _has_bar(trace: Any) -> bool:
-    """Whether a colour bar is asked for under the figure."""
+    """Return whether the figure needs a colour bar below."""
     parts = (trace, getattr(trace, "marker", None), getattr(trace, "line", None))
     return any(getattr(getattr(part, "colorbar", None), "orientation", None) == BAR["orientation"] for part in parts)
 
 
 def _high(drawing: go.Figure) -> float:
-    """How high a scene may be, in hundredths of the window's width, that nothing in it is cut off at the sides: plotly draws as large as
-    a scene is high, however narrow."""
+    """Return the largest height of a scene, in hundredths of the window's width, at which nothing is cut off at the sides: plotly scales a
+    scene by its height, however narrow it is."""
     scene = drawing.layout.scene
     ratio, camera = scene.aspectratio, scene.camera
     half = np.array([ratio[axis] or 1.0 for axis in "xyz"]) / 2.0 if scene.aspectmode == "manual" else _sides(drawing) / 2.0
@@ -234,7 +234,7 @@ def _sides(drawing: go.Figure) -> FloatArray:
 
 
 def _ends(drawing: go.Figure) -> dict[str, tuple[float, float]]:
-    """From where to where a scene's data go, by axis."""
+    """Return the ranges of a scene's data by axis."""
     own = [trace for trace in drawing.data if _in_space(trace) and trace.visible != "legendonly"]
     values = {axis: np.concatenate([np.ravel(np.array(trace[axis], dtype=np.float64)) for trace in own]) for axis in "xyz"} if own else {}
     return {axis: (float(np.nanmin(each)), float(np.nanmax(each))) for axis, each in values.items() if np.isfinite(each).any()}
@@ -246,7 +246,7 @@ def _most(side: float, widest: float) -> int:
 
 
 def _upright(low: float, high: float, widest: float) -> list[float] | None:
-    """Round figures of the upright axis that stand clear of its foot; where there are none, plotly's own."""
+    """Return round figures of the upright axis that are clear of its foot; None for plotly's own."""
     foot = low + min(FOOT * widest, (high - low) / 2.0) if widest else low
     most = _most(high - low, widest)
     # of four pieces and more one lies in the upper half
@@ -260,8 +260,7 @@ def _upright(low: float, high: float, widest: float) -> list[float] | None:
 
 
 def _with_room(drawing: go.Figure) -> None:
-    """Figures at the axes that do not stand in each other where one is short beside the others, ranges in which labels have room, and an
-    eye that sees all of it."""
+    """Set ticks that do not overlap on short axes, ranges with room for labels, and an eye that sees everything."""
     own = [trace for trace in drawing.data if _in_space(trace) and trace.visible != "legendonly"]
     ends = _ends(drawing)
     widest = max((high - low for low, high in ends.values()), default=0.0)

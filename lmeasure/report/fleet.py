@@ -19,7 +19,7 @@ MOST_ROWS = 500
 
 
 class FleetItem(NamedTuple):
-    """One item of a batch: a value of the result that is shown, or the line that says why it failed."""
+    """One item of a batch: a value of the shown result, or the line with the reason of its failure."""
 
     robot: str
     day: str

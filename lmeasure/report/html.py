@@ -53,12 +53,12 @@ class Step:
 
 @dataclass(frozen=True)
 class Answer:
-    """The first screen of a page: what was measured, how good it is, whether that is good enough, what limits it, and what to do next."""
+    """The first screen of a page: the subject, its uncertainty, the verdict, its limits, and the next step."""
 
     title: str
     verdict: str
     state: str
-    """Of the verdict: good, warn or bad."""
+    """State of the verdict: good, warn or bad."""
     numbers: tuple[Number, ...]
     limits: str
     steps: tuple[Step, ...]
@@ -101,7 +101,7 @@ def kept(value: object) -> Any:
 
 
 def on_paper(content: Any) -> Any:
-    """Return what a sheet is set from, its texts `joined`; drawings stay as they are."""
+    """Return the data of a printed sheet, its texts `joined`; drawings stay the same."""
     if isinstance(content, dict):
         return {key: on_paper(value) for key, value in content.items()}
     if isinstance(content, list | tuple):
@@ -142,10 +142,10 @@ _SCRIPT = re.compile(r"<script\b[^>]*>(.*?)</script>", re.DOTALL | re.IGNORECASE
 
 
 def policy(body: str) -> str:
-    """The Content-Security-Policy of a page: only the very scripts that stand in it run, and nothing is fetched or sent.
+    """Return the Content-Security-Policy of a page: only its own scripts run, and nothing is fetched or sent.
 
-    plotly compiles its drawing of space from text that it writes itself ('unsafe-eval'), which a script must be let in for first; it sets
-    styles, keeps pictures as data and reads its own pictures back as blobs.
+    plotly compiles its 3-D drawing from text that it writes itself ('unsafe-eval'), sets styles, keeps pictures as data and reads its own
+    pictures back as blobs.
     """
     hashes = {
         base64.b64encode(hashlib.sha256(code.encode("utf-8", "backslashreplace")).digest()).decode() for code in _SCRIPT.findall(body)

@@ -1,4 +1,4 @@
-"""Page of any file: what it is, its picture, what to do next, and what its reader has to say of it."""
+"""Page of any file: its kind, its picture, the next step, and the reader's remarks."""
 
 import re
 from collections.abc import Sequence
@@ -53,6 +53,6 @@ def write_inspection_page(
 
 
 def zone_lines(zone: xr.Dataset, language: str) -> list[str]:
-    """Return what was found of a zone, a sentence each."""
+    """Return the results of a zone, a sentence each."""
     say = Say(language)
     return [*zone_text.findings(zone, extent(zone), say), *zone_text.assumed(zone, say)]

@@ -1,4 +1,4 @@
-"""Values of the page of an intermediate check: its verdict, every closure beside its U95, what may have moved, and the trend."""
+"""Values of the page of an intermediate check: its verdict, every closure beside its U95, possible changes, and the trend."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,7 +28,7 @@ def write_check_page(
 
 
 def answer(found: Checked, when: str, say: Say) -> html.Answer:
-    """Return the first screen: passed or what has moved, how near to its limit the worst closure is, and what to do next."""
+    """Return the first screen: passed or the moved part, the worst closure relative to its limit, and the next step."""
     words = texts(say.language, "interim")
     rows = [html.Number(say("interim.closed"), say("page.of", n=len(found.closures) - len(found.failed), of=len(found.closures)))]
     limits = say("interim.limited_none")
@@ -79,7 +79,7 @@ def verdict(found: Checked, language: str) -> str:
 
 
 def cause_text(c: Cause, language: str) -> str:
-    """Return what may have changed, and by how much."""
+    """Return a possible change and its size."""
     words = texts(language, "interim")
     size, u = (number(language, value, ".2g") for value in (c.size, c.u))
     return words[f"cause.{c.kind}"].format(name=c.name, size=size, u=u, unit=_unit(c, language))
@@ -96,7 +96,7 @@ def _when(when: str) -> str:
 
 
 def _of(closure: Closure) -> str:
-    """Of what it is, in signs of every language and in one piece."""
+    """Return the closure's position, in signs of every language and in one piece."""
     name = closure.name.replace(" to ", "\u2060–\u2060") if closure.kind == "distance" else closure.name
     return name.replace(" ", "\u00a0")
 

@@ -1,4 +1,4 @@
-"""Labels of a drawing in space: each on the side of its marker where, as the page opens, nothing else stands."""
+"""Labels of a drawing in space: each on the free side of its marker as the page opens."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ SIDES: dict[str, tuple[float, float]] = {
     "bottom left": (-0.9, -0.6),
 }
 REACH = 0.1
-"""From a marker to the middle of its label, in widths of the drawing: between a telephone's and a desk's."""
+"""Distance from a marker to the middle of its label, in widths of the drawing: between a telephone's and a desk's."""
 WIDE = np.array([1.6, 1.0])
 """A label is wider than high."""
 STEPS = np.linspace(0.0, 1.0, 20)
@@ -29,7 +29,7 @@ GAP = "\u00a0\u00a0"
 
 
 def place_labels(drawing: go.Figure) -> None:
-    """Give each label its side, seen from the eye of the drawing's camera. What is hidden as the page opens is in nobody's way."""
+    """Give each label its side, seen from the eye of the drawing's camera. Parts hidden as the page opens do not count."""
     own = [t for t in drawing.data if t.type == "scatter3d" and t.visible in (None, True)]
     named = [t for t in drawing.data if t.type == "scatter3d" and "text" in (t.mode or "")]
     camera = drawing.layout.scene.camera.eye

@@ -17,7 +17,7 @@ MOST_SLICES = 6
 NEAR = 1e-3
 """Smallest over largest singular value below which a pose is called near-singular."""
 RIM = 1e-6
-"""In mm: by how much an outline at the edge of the grid lies beyond it."""
+"""Distance [mm] of an outline beyond the edge of the grid."""
 
 
 def write_mechanism_page(path: Path, file: ParallelFile, record: dict[str, Any], grid: Grid | None, *, language: str = "en") -> None:
@@ -34,7 +34,7 @@ def write_mechanism_page(path: Path, file: ParallelFile, record: dict[str, Any],
 
 
 def answer(file: ParallelFile, pose: FloatArray, record: dict[str, Any], grid: Grid | None, *, say: Say) -> html.Answer:
-    """Return the first screen: freedoms, distance from a singular pose, workspace and what ends it, and what to do next."""
+    """Return the first screen: freedoms, distance from a singular pose, the workspace and its limits, and the next step."""
     near, freedoms = float(record["nearness"]), record["freedoms"]
     rows = [
         html.Number(say("mechanism.freedoms"), str(freedoms), say("mechanism.parameters", number=record["parameters"])),
@@ -58,7 +58,7 @@ def answer(file: ParallelFile, pose: FloatArray, record: dict[str, Any], grid: G
 
 
 def workspace_words(grid: Grid, say: Say = ENGLISH) -> str:
-    """Its volume, extent, and what ends it."""
+    """Return its volume, extent, and limits."""
     found = grid.found
     if not found.inside.any():
         return say("mechanism.no_place_grid_inside")

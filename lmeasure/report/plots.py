@@ -44,7 +44,7 @@ CONFIG = {"responsive": True, "displaylogo": False}
 
 
 class ShownFigure(go.Figure):  # type: ignore[misc]
-    """A plotly figure; what differs is how it is shown, in a notebook and by `show`: nothing is fetched."""
+    """A plotly figure with its own display, in a notebook and by `show`, that fetches nothing."""
 
     def _repr_mimebundle_(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
         return {JSON: {**self.to_plotly_json(), "config": CONFIG}, "text/html": self._repr_html_()}
@@ -60,7 +60,7 @@ class ShownFigure(go.Figure):  # type: ignore[misc]
         show(self._repr_mimebundle_(), raw=True)
 
     def show(self, *args: Any, **kwargs: Any) -> None:
-        """In a notebook below its cell, elsewhere in a browser; with arguments as plotly's figures do."""
+        """Show it below the cell of a notebook, elsewhere in a browser; with arguments as plotly's figures do."""
         if args or kwargs:
             super().show(*args, **kwargs)
         elif _in_a_notebook():
@@ -88,7 +88,7 @@ FRAMES = 90
 
 
 def figure_of(what: Any, rig: Rig | None = None, say: Say = ENGLISH) -> go.Figure:
-    """The figure of a noun; rig is drawn with what lies in space. LMeasureError for what is none."""
+    """Return the figure of a noun; rig is drawn with objects in space. LMeasureError for an unknown noun."""
     for kind, draw in DRAWN.items():
         if isinstance(what, kind):
             return ShownFigure(figures.settled(draw(what, rig, say)))

@@ -1,4 +1,4 @@
-"""The text that people read in a PDF, a page or an XML file: what stays the same when other versions write other bytes."""
+"""The readable text of a PDF, a page or an XML file: the part that stays the same if other versions write other bytes."""
 
 import base64
 import hashlib
@@ -28,7 +28,7 @@ def pdf_text(content: bytes) -> str:
 
 
 class _Reader(HTMLParser):
-    """Collects what stands between the tags, but for what nobody sees."""
+    """Collector of the visible text between tags."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -16,7 +16,7 @@ from lmeasure.robots import HALF, Identified, PredictionMap
 from lmeasure.text import ENGLISH, Say, from_stated, message, texts
 
 ARROWS = 0.1
-"""Of the measured places' extent: length at which the largest error is drawn."""
+"""Length of the largest error's arrow, as a part of the extent of measured positions."""
 BEFORE, AFTER = "#d55e00", "#0072b2"
 MOST_NAMED = 40
 """Rows with their weights; all of them are in identified.json."""
@@ -53,7 +53,7 @@ def write_robot_page(
 
 
 def answer(folder: str, record: dict[str, Any], before: FloatArray, after: FloatArray, *, say: Say) -> html.Answer:
-    """Return the first screen: the error before and after, whether poses left out confirm it, what limits it, and what to do next."""
+    """Return the first screen: the error before and after, whether validation poses confirm it, its limits, and the next step."""
     held, stays = record["held_out"], record["stays"]
 
     def pair(low: float, high: float) -> str:
@@ -132,7 +132,7 @@ def _spread(before: FloatArray, after: FloatArray, say: Say) -> go.Figure:
 
 
 def _by_joint(found: Identified[Any], rows: Any, after: FloatArray, say: Say) -> tuple[go.Figure, list[tuple[str, ...]]]:
-    """Residuals across each joint's own direction of motion, against its value: what a joint does wrong shows as a wave."""
+    """Return residuals across each joint's own direction of motion, against its value: an error of a joint shows as a wave."""
     of = found.rows.of(rows)
     state = found.state
     _, by_joints, _ = state.robot.derivatives(of.joints, of.side)

@@ -19,7 +19,7 @@ from lmeasure.text import ENGLISH, Say
 BASE_INK, PLATFORM_INK, LINK_INK, SCREW, GRADIENT = "#1f2933", "#1d4ed8", "#c2410c", "#7c3aed", "#15803d"
 TETRAHEDRA = ("#f59e0b", "#10b981", "#ec4899", "#6366f1")
 SMALL = 0.25
-"""Of the base's extent: the names of a smaller platform's points would lie on each other, and are read by pointing."""
+"""Part of the base's extent below which the names of a platform's points would overlap, and are shown by pointing."""
 FACES = ((0, 0, 0, 1), (1, 1, 2, 2), (2, 3, 3, 3))
 
 
@@ -42,7 +42,7 @@ def write_structure_page(
 
 
 def answer(name: str, linkage: Linkage, record: dict[str, Any], pose: FloatArray | None, *, say: Say) -> html.Answer:
-    """Return the first screen: whether the lengths determine the pose, how well, the motion they see least, and what to do next."""
+    """Return the first screen: whether the lengths determine the pose, how well, the motion they determine least, and the next step."""
     rows = [html.Number(say("structure.class"), str(record["class"]), say("structure.of_links", number=len(linkage.base)))]
     assemblies = record["complex_assemblies"]
     known = say("structure.closed_form") if record["closed_form"] else say("structure.homotopy")
@@ -119,7 +119,7 @@ def _figure(value: float | None, say: Say) -> str:
 
 
 def _places(at: FloatArray, say: Say) -> tuple[str, ...]:
-    """Coordinates without what rounding leaves of them."""
+    """Return coordinates without their rounding errors."""
     return tuple(say.number(round(float(v), 6), "g") for v in at)
 
 

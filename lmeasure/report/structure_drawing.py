@@ -43,7 +43,7 @@ def _ring(count: int, y: float, wide: float, high: float) -> list[Place]:
 
 
 def _untangled(structure: Structure, above: Sequence[Place], below: Sequence[Place]) -> tuple[int, ...]:
-    """Which place of the ring each point of the platform takes, so that the links are short in all."""
+    """Return the place in the ring of each point of the platform that makes the links short in all."""
 
     def long(order: tuple[int, ...]) -> float:
         return sum(math.dist(above[order[p]], below[b]) for p, b in structure.links)

@@ -9,7 +9,7 @@ from lmeasure.report.text import word
 
 
 def sentence(certificate: dict[str, Any]) -> str:
-    """Return the result in one sentence: the worst of the first two names that show most of a robot, at what speed and load."""
+    """Return the result in one sentence: the worst of the first two most informative names, with speed and load."""
     language, found = certificate["language"], chosen(certificate)[:2]
     if not found:
         return word(language, "no_results")
@@ -25,8 +25,8 @@ def sentence(certificate: dict[str, Any]) -> str:
 
 
 class Glance(NamedTuple):
-    """A certificate in three lines: the worst value of the result that shows most of a robot, what it is of, and the outcome against the
-    stated tolerances with its state (good, warn, bad, or empty where none is stated)."""
+    """A certificate in three lines: the worst value of the most informative result, its part, and the outcome against the stated tolerances
+    with its state (good, warn, bad, or empty without any)."""
 
     value: str
     about: str
@@ -35,7 +35,7 @@ class Glance(NamedTuple):
 
 
 def glance(certificate: Mapping[str, Any], language: str) -> Glance:
-    """Return what a list of certificates shows of one, in a language of its own."""
+    """Return one certificate for a list, in a language of its own."""
     own = {**certificate, "language": language}
     state, outcome = say.outcome(own)
     if not (found := chosen(own)[:1]):
@@ -51,7 +51,7 @@ def value_of(result: say.Result) -> str:
 
 
 def limits(certificate: dict[str, Any]) -> str:
-    """Return the largest source of the first figure's uncertainty, and what U95 leaves out."""
+    """Return the largest source of the first result's uncertainty, and sources that U95 omits."""
     language, found = certificate["language"], chosen(certificate)[:1]
     parts: list[str] = []
     if found and found[0].figure["u95"] is None:
@@ -84,7 +84,7 @@ def robot(certificate: Mapping[str, Any]) -> str:
 
 
 def facts(certificate: dict[str, Any]) -> say.Rows:
-    """(what, reported): robot, laboratory, customer, date, program and instrument; customer and laboratory where they are stated."""
+    """Return (name, value): robot, laboratory, customer, date, program and instrument; customer and laboratory if stated."""
     language, details = certificate["language"], certificate["details"]
     dates = details.get("dates", {})
     measured = " \u2013 ".join(dict.fromkeys(dates[k] for k in ("measured_from", "measured_to") if k in dates))

@@ -1,4 +1,4 @@
-"""The page of a trajectory: what must be known first, what was left out, the path in space, and everything over time with its faults."""
+"""Page of a trajectory: the most important facts, missing samples, the path in space, and everything over time with its faults."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -17,11 +17,11 @@ from lmeasure.text import Cause, Say, decimal, is_of, number, settled, texts
 from lmeasure.trajectory import RESTORED_ORIGIN, Trajectory, Vibration
 
 MOST_LINES = 100
-"""Of stretches in the table; the pictures show all."""
+"""Most stretches in the table; the pictures show all."""
 MARKS = 200
-"""Of stretches in space: those that lie closer together share one."""
+"""Most stretches in space: those that lie closer together share one."""
 BANDS = 60
-"""Of stretches that are shaded over all pictures; the lane shows all."""
+"""Most stretches that are shaded over all pictures; the lane shows all."""
 HIDDEN = "legendonly"
 """Until it is clicked: beside its rig a path is too small to be seen."""
 AXES = ("#0072b2", "#d55e00", "#009e73")
@@ -50,7 +50,7 @@ def write_trajectory_page(
 
 
 def answer(name: str, found: Along, rig: Rig | None, say: Say) -> html.Answer:
-    """Return the first screen: whether every sample has a pose, how well the worst is known and why, and what to do next."""
+    """Return the first screen: whether every sample has a pose, the worst uncertainty and its reason, and the next step."""
     words, number, trajectory = texts(say.language, "trajectory"), say.number, found.trajectory
     samples, time_s = len(found.u95_mm), found.trajectory.time_s
     bad = sum(s.samples for s in found.stretches if not s.ok)
@@ -78,7 +78,7 @@ def answer(name: str, found: Along, rig: Rig | None, say: Say) -> html.Answer:
 
 
 def _verdict(found: Along, rig: Rig | None, say: Say) -> tuple[str, str]:
-    """Return one sentence that says whether anything is missing, and its state."""
+    """Return one sentence with missing parts, if any, and its state."""
     samples = len(found.u95_mm)
     if bad := sum(s.samples for s in found.stretches if not s.ok):
         return say("trajectory.verdict.bad", bad=bad, samples=samples, percent=say.number(100 * bad / samples, ".3g")), "bad"
@@ -170,22 +170,22 @@ def _kinds(found: Along, language: str) -> list[tuple[str, ...]]:
 
 
 def _banded(trajectory: Trajectory) -> bool:
-    """Whether anything states how uncertain it is."""
+    """Return whether anything states an uncertainty."""
     return bool(np.nanmax(trajectory.u, initial=0.0) > 0.0)
 
 
 def _restored(s: Stretch) -> bool:
-    """Whether these samples have their poses from all cables, the origin of one having been restored."""
+    """Return whether these samples have their poses from all cables, with the origin of one restored."""
     return s.ok and is_of(s.cause, RESTORED_ORIGIN)
 
 
 def _state(s: Stretch, language: str) -> str:
-    """Return what the samples of a stretch are, in words."""
+    """Return the state of a stretch's samples, in words."""
     return texts(language, "trajectory")["restored" if _restored(s) else f"status.{WORDS[s.status]}"]
 
 
 def _known(found: Along, language: str) -> Iterable[str]:
-    """What the uncertainties hold, and what else must be known."""
+    """Yield the sources in the uncertainties, and other important facts."""
     words, trajectory, say = texts(language, "trajectory"), found.trajectory, Say(language)
     yield words["covers"].format(covers=say.message(trajectory.covers))
     yield from map(say.sentence, (*trajectory.notes, *trajectory.assumed.lines))
@@ -249,7 +249,7 @@ def _near(sample: int, known: np.ndarray) -> int | None:
 
 
 def _shown(stretches: Sequence[Stretch], found: Along) -> list[Stretch]:
-    """As many as a picture can tell apart."""
+    """Return as many as a picture can distinguish."""
     return merged(stretches, float(np.ptp(found.trajectory.time_s)) / MOST_STRETCHES)
 
 

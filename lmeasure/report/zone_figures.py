@@ -33,7 +33,8 @@ def _shown_levels(count: int) -> list[int]:
 
 
 def _margin(zone: xr.Dataset) -> FloatArray:
-    """How far each node is from the limit of the angle [deg]: positive in the zone, negative outside, whatever limit cuts it there."""
+    """Return the distance of each node from the limit of the angle [deg]: positive in the zone, negative outside, whatever limit cuts it
+    there."""
     inside = zone["in_zone"].values.astype(bool)
     margin = float(zone.attrs["limit_deg"]) - zone["worst_pressure_angle_deg"].values
     return np.where(inside, np.maximum(margin, 0.01), np.minimum(margin, -0.01))
@@ -123,7 +124,7 @@ def _heat(x: FloatArray, y: FloatArray, values: FloatArray, all_values: FloatArr
 
 
 def _slider(levels: FloatArray, traces: int, first: int, say: Say, each: int = 1) -> dict[str, Any]:
-    """A slider over levels [mm], each of which has so many of the first traces; all other traces stay."""
+    """Return a slider over levels [mm], each with so many of the first traces; all other traces stay."""
     of = [i // each if i < each * len(levels) else None for i in range(traces)]
     steps = [
         {"label": html.joined(f"{level:g}"), "method": "restyle", "args": [{"visible": [k in (n, None) for k in of]}]}

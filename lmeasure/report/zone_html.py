@@ -1,4 +1,4 @@
-"""Values of a zone's page: where it measures best and worst and why, what would make it larger, maps and tables."""
+"""Values of a zone's page: its best and worst positions with reasons, ways to enlarge it, maps and tables."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -51,8 +51,8 @@ def write_zone_page(
     language: str = "en",
     followed: Sequence[Piece] = (),
 ) -> None:
-    """Write a self-contained HTML page: what was found, the zone in space, its maps, figures, reasons, the rig. calibration: that of the
-    zone; followed: its edge at every level."""
+    """Write a self-contained HTML page: results, the zone in space, its maps, figures, reasons, the rig. calibration: that of the zone;
+    followed: its edge at every level."""
     found, say = extent(zone), Say(language)
     plots = {"space": figure(space_figure(zone, rig, say, followed), "space", language)}
     if followed:
@@ -70,7 +70,7 @@ def write_zone_page(
 
 
 def answer(folder: str, zone: xr.Dataset, found: Extent, *, rig: Rig, calibration: CalibrationRecord | None, say: Say) -> html.Answer:
-    """Return the first screen: best and worst U95, where and why, the volume and what would make it larger, and what to do next."""
+    """Return the first screen: best and worst U95, position and reason, the volume and ways to enlarge it, and the next step."""
     inside, attrs = zone["in_zone"].values.astype(bool), zone.attrs
     again = "lmeasure zone RIG.toml --x ... --y ... --z ... --out zone.nc --report zone"
     reason, nodes = max(sole_reasons(zone).items(), key=lambda item: item[1])

@@ -1,4 +1,4 @@
-"""The maps of a zone that answer a reader: a slider for the level and each limit, and what a clicked place is given by."""
+"""Interactive maps of a zone: a slider for the level and each limit, and the data of a clicked position."""
 
 import base64
 import json
@@ -26,13 +26,13 @@ SCALE = "Viridis"
 MOST_ALONG = 61
 MOST_LEVELS = 41
 ASKED = 1 << REASONS.index("pressure_angle") | 1 << REASONS.index("u95_position")
-"""Reasons that the sliders decide anew; all others stay as they were asked for."""
+"""Reasons that the sliders decide anew; all others keep their settings."""
 RADIUS = float(np.sqrt(2.0 * scipy.special.gammaincinv(1.5, 0.95)))
-"""Of the ellipsoid that holds 95 %, in standard deviations."""
+"""Radius of the ellipsoid that holds 95 %, in standard deviations."""
 
 
 def maps(zone: "xr.Dataset", rig: Rig, calibration: CalibrationRecord | None, say: Say) -> dict[str, Any]:
-    """Return what the template shows: sliders (name, title, low, high, value, step), both maps, the ellipsoid of a place, and the data and
+    """Return the template's values: sliders (name, title, low, high, value, step), both maps, the ellipsoid of a position, and the data and
     code of the script that fills them."""
     seen = thinned(zone)
     held = seen["in_zone"].values.sum(axis=(0, 1))
@@ -57,7 +57,7 @@ def maps(zone: "xr.Dataset", rig: Rig, calibration: CalibrationRecord | None, sa
 
 
 def _words(say: Say) -> dict[str, str]:
-    """Return what the page's script says."""
+    """Return the texts of the page's script."""
     return {
         "mm": say("zone.mm").replace(" ", "\u00a0"),
         "any": say("zone.any"),
@@ -82,7 +82,7 @@ def thinned(zone: "xr.Dataset") -> "xr.Dataset":
 
 
 def _data(seen: "xr.Dataset", zone: "xr.Dataset", rig: Rig, calibration: CalibrationRecord | None) -> dict[str, Any]:
-    """Return what the page's script reads; arrays over x, y, z with z fastest, as little-endian floats in base64."""
+    """Return the data of the page's script; arrays over x, y, z with z fastest, as little-endian floats in base64."""
     axes = [seen[name].values.astype(np.float64) for name in "xyz"]
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     turns = zone["quaternion_xyzw"].values

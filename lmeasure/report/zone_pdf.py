@@ -94,7 +94,7 @@ def _slices(zone: xr.Dataset) -> list[tuple[float, str]]:
 
 
 def _edge(inside: BoolArray) -> str:
-    """SVG path between cells of which one lies in the zone and its neighbour does not; what lies beyond the box nobody scanned."""
+    """Return the SVG path between cells inside the zone and neighbours outside; the region beyond the box was not scanned."""
     n = inside.shape[1]
     padded = np.pad(inside, 1, mode="edge")
     parts = [f"M{i} {n - 1 - j}v1" for i, j in np.argwhere(padded[1:, 1:-1] != padded[:-1, 1:-1])]

@@ -19,7 +19,7 @@ def title(rig: Rig, say: Say) -> str:
 
 
 def has_edge(zone: xr.Dataset) -> bool:
-    """Whether some places of the box lie in the zone and some do not."""
+    """Return whether some positions of the box lie in the zone and some do not."""
     inside = zone["in_zone"].values
     return bool(inside.any() and not inside.all())
 
@@ -54,7 +54,7 @@ def findings(zone: xr.Dataset, found: Extent, say: Say) -> list[str]:
 
 
 def assumed(zone: xr.Dataset, say: Say) -> list[str]:
-    """Return how much of U95 is assumed because nobody stated it, and the statements that would help most, a sentence each."""
+    """Return the assumed part of U95, and the statements that would help most, a sentence each."""
     return [f"{say.sentence(line)}." for line in messages_of(zone, "assumed")]
 
 
@@ -105,7 +105,7 @@ def figures(zone: xr.Dataset, found: Extent, say: Say) -> Rows:
 
 
 def _limits(attrs: dict[str, Any], say: Say) -> Rows:
-    """Return what was asked for beside the pressure angle."""
+    """Return the limits besides the pressure angle."""
     rows: Rows = []
     if "limit_length_mm" in attrs:
         low, high = np.asarray(attrs["limit_length_mm"], dtype=np.float64).tolist()

@@ -1,4 +1,4 @@
-"""The calibration record: what was found, how well, what could not be determined, and from which files."""
+"""The calibration record: values, uncertainties, undetermined combinations, and the source files."""
 
 import json
 import math
@@ -178,12 +178,12 @@ class CalibrationRecord(Shown, _Record):
     zero_length_mm: dict[str, Number] = Field(default_factory=dict)
     """Length of each cable where its counter was zeroed, by cable [mm]."""
     sizes: tuple[dict[str, Any], ...] = ()
-    """Sizes of errors that nobody stated, estimated from the residuals, in units of the typical ones."""
+    """Unstated sizes of errors, estimated from the residuals, in units of the typical ones."""
     messages: tuple[dict[str, Any], ...] = ()
     """Ids and values of the texts of this record (`lmeasure.text.table`)."""
 
     def about(self) -> dict[str, str]:
-        """Return what was solved, how well it fits, what it tells of lengths, what to know."""
+        """Return the solved parameters, the fit, the uncertainty of lengths, and remarks."""
         out = {"rig": self.rig, "parameters": f"{self.unknowns}, rank {self.rank}, from {self.equations} equations"}
         if "residual_rms_mm" in self.noise:
             out["residuals"] = f"{self.noise['residual_rms_mm']:.4g} mm rms"
@@ -222,7 +222,7 @@ class CalibrationRecord(Shown, _Record):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all that the calibration tells something of: parameters and dimensions."""
+        """Return the names of all determined parameters and dimensions."""
         return (*(p.name for p in self.parameters), *(d.name for d in self.dimensions))
 
     def covariance_matrix(self) -> FloatArray:
@@ -248,14 +248,14 @@ class CalibrationRecord(Shown, _Record):
         return np.asarray(select @ self.tangent_matrix() @ select.T)
 
     def dimension_columns(self, names: list[list[str]]) -> tuple[FloatArray, FloatArray]:
-        """Independent errors of the dimensions, of unit variance: (s, s) what each does to these, and (13 m, s) to the kernels' parameters,
-        named as in `cable_covariance`, whose covariance holds the squares of these columns."""
+        """Return effects of independent errors of the dimensions, of unit variance: (s, s) on these, and (13 m, s) on the kernels'
+        parameters, named as in `cable_covariance`, whose covariance contains the squares of these columns."""
         to_own, to_parameters = self._dimension_roots
         return to_own, self._selection(names) @ to_parameters
 
     @cached_property
     def _dimension_roots(self) -> tuple[FloatArray, FloatArray]:
-        """(s, s) and (p, s) what independent errors of unit variance do to the dimensions, and to the parameters."""
+        """Return (s, s) and (p, s) effects of independent errors of unit variance on the dimensions, and on the parameters."""
         cross, own = self._of_dimensions()
         width = np.sqrt(np.maximum(np.diag(own), 0.0))
         width = np.where(width > 0.0, width, 1.0)

@@ -1,7 +1,7 @@
-"""The `[can]` table of a rig: which frames of which bus carry the counters.
+"""The `[can]` table of a rig: the buses and frames of the counters.
 
-Absent, the encoders are taken to send what a CiA 406 encoder sends by default: the n-th channel as a signed 32-bit little-endian
-number in bytes 0 to 3 of the frame 180h + n, answering SYNC 80h.
+Without it the encoders have the default of a CiA 406 encoder: the n-th channel as a signed 32-bit little-endian number in bytes 0 to 3 of
+the frame 180h + n, answering SYNC 80h.
 """
 
 from collections import Counter
@@ -169,10 +169,10 @@ class DbcCan(_Bus):
 
 
 class CanOpenCan(_Bus):
-    """CiA 406 encoders. lmeasure asks them over SDO for the frame of their position value."""
+    """CiA 406 encoders. lmeasure reads the frame of their position value over SDO."""
 
     decoder: Literal["cia406"]
-    """Decoder: CiA 406 encoders that are asked over SDO."""
+    """Decoder: CiA 406 encoders, read over SDO."""
     eds: Annotated[str, Field(min_length=1)] | None = None
     """Electronic data sheet; path relative to the rig file. Devices must match it, and logs are decoded by it."""
     sync_period_ms: Annotated[float, Field(ge=0.5, le=10_000)] | None = None
@@ -201,7 +201,7 @@ def default_can(channels: tuple[str, ...]) -> RawCan:
 
 
 def check_channels(table: RawCan | DbcCan | CanOpenCan | J1939Can, wanted: set[str]) -> None:
-    """ValueError when a channel stands twice in the table, or one that a cable needs is missing."""
+    """Raise ValueError if a channel occurs twice in the table, or one that a cable needs is missing."""
     for name, times in Counter(c.channel for c in table.channel).items():
         if times > 1:
             raise of_key("can", message("error.channel_is_given_times", name=name, times=times))

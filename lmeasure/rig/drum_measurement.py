@@ -1,8 +1,8 @@
-"""From what a mechanic measures on a grooved drum to the drum of a rig file (thesis Rashoyan 2021, 5.5, figures 5.19 and 5.20).
+"""Drum of a rig file from a mechanic's measurements on a grooved drum (thesis Rashoyan 2021, 5.5, figures 5.19 and 5.20).
 
-The cable is fastened at a distance g from the drum's end face, is wound on over K counts until the robot stands at the pose where
-the counters are zeroed, and runs from there to a pulley with a fixed axis, a centre distance away, whose plane of symmetry is C from that
-end face. With N counts per turn, drum radius R1, pulley radius R2, groove pitch t_m, centre distance a:
+The cable is fastened at a distance g from the drum's end face, is wound on over K counts until the robot is at the pose where the counters
+are zeroed, and runs from there to a pulley with a fixed axis, a centre distance away, whose plane of symmetry is C from that end face. With
+N counts per turn, drum radius R1, pulley radius R2, groove pitch t_m, centre distance a:
 
     turn       N c = hypot(2 pi R1, t_m),  groove angle  tan(gamma) = t_m/(2 pi R1)
     engaging   gamma1 = arcsin(R2/a), gamma2 = arccos((R1 - R2)/a): the drum turns by gamma3 = gamma2 - gamma1 until the cable is tangent,
@@ -278,7 +278,7 @@ def drums_into(content: Mapping[str, Any], measured: tuple[DrumMeasurement, ...]
 
 
 def drum_summary(measured: Sequence[DrumMeasurement]) -> list[str]:
-    """Lines for a person, one for all drums that are alike: what goes into the rig file, and the angles to check it by."""
+    """Return lines, one for all drums that are alike: the values for the rig file, and angles for a check."""
     points: dict[str, list[str]] = {}
     for m in measured:
         points.setdefault(_figures(m), []).append(m.point)

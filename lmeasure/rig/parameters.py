@@ -31,9 +31,9 @@ class Owner(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class CableParameter(Keyed):
-    """A kind of parameter of a cable. key: after the owner's name, that of a value in a calibration record; group: what `--solve` calls it.
+    """A kind of parameter of a cable. key: after the owner's name, that of a value in a calibration record; group: its name in `--solve`.
     default_u: prior standard uncertainty of a nominal value that states none (a drawing, a tape measure, a protractor); assumed_u: of one
-    in the rig's `assumed` list, which nobody measured. column: where the kernels' rows have it, if they do."""
+    in the rig's `assumed` list, without a measurement. column: its place in the kernels' rows, if any."""
 
     owner: Owner
     group: str
@@ -48,7 +48,7 @@ class CableParameter(Keyed):
     unsigned: bool = False  # Whether its sign means nothing
 
     def name(self, cable: Cable) -> str:
-        """Return what a calibration record calls it."""
+        """Return its name in a calibration record."""
         return f"tool.{cable.to_point}.{self.key}" if self.owner is Owner.ATTACHMENT else f"{cable.from_point}.{self.key}"
 
 
@@ -168,15 +168,15 @@ GROUPS = {g: tuple(p.key for p in (*TABLE, *_SELDOM) if p.group == g) for g in d
 """Names for `--solve`, and the keys of each."""
 PLACE, GUIDE = GROUPS["position"], GROUPS["guide"]
 SCALE = next(i for i, p in enumerate(TABLE) if p.key == "scale")
-"""Which of the table is the decoding scale, which the kernels' rows do not have."""
+"""Index of the decoding scale in the table, which the kernels' rows do not have."""
 UNSIGNED = frozenset(p.key for p in TABLE if p.unsigned)
 """Keys of values whose sign means nothing."""
 FACTORS = np.array([p.factor for p in TABLE])
-"""(13,) what the kernels have for one unit of each."""
+"""(13,) factors from one unit of each to the kernels' units."""
 FURTHER_KEYS = frozenset(p.key for p in FURTHER)
-"""Of what the kernels do not know."""
+"""Keys of parameters unknown to the kernels."""
 PHASED = frozenset(p.key for p in FURTHER if p.group in ("run-out", "eccentricity"))
-"""Of what turns with drum and pulley, and means nothing without where they stood."""
+"""Keys of parameters that turn with drum and pulley, and are meaningless without their angles."""
 
 _OF_PULLEY = ("eccentricity", "offset")  # Groups of what a point without a pulley does not have
 _ABSENT = frozenset(p.stored or p.key for p in _SELDOM)  # Keys that mean 0 where they are not given
@@ -187,8 +187,8 @@ _UNSIGNED = np.array([p.unsigned for p in TABLE])
 
 
 def parameter_names(rig: Rig, cables: tuple[Observed, ...] | None = None) -> list[list[str]]:
-    """For each channel, default all cables, the calibration record's names of the kernels' parameters (`kernels.layout.PARAMETERS`); empty
-    where an encoder of angles does not have one."""
+    """Return for each channel, default all cables, the calibration record's names of the kernels' parameters (`kernels.layout.PARAMETERS`);
+    empty if an encoder of angles does not have one."""
     return [_names(o) for o in (rig.cable if cables is None else cables)]
 
 
@@ -197,12 +197,12 @@ def _names(observed: Observed) -> list[str]:
 
 
 def further_names(rig: Rig, cables: tuple[Observed, ...] | None = None) -> list[list[str]]:
-    """For each channel, default all cables, the names of `FURTHER`; empty ones of an encoder of angles, which has none."""
+    """Return for each channel, default all cables, the names of `FURTHER`; empty ones for an encoder of angles, which has none."""
     return [[p.name(o) if not isinstance(o, SensorChannel) else "" for p in FURTHER] for o in (rig.cable if cables is None else cables)]
 
 
 def tilt_names(observed: Observed) -> tuple[str, ...]:
-    """The names of the tilts that are added to the guide's angles of a channel, none of what has no guide."""
+    """Return the names of the tilts that are added to the guide's angles of a channel, empty without a guide."""
     return tuple(f"{observed.from_point}.{p.key}" for p in TILT) if observed.from_point else ()
 
 
@@ -212,10 +212,10 @@ def attachment_names(point: str) -> tuple[str, ...]:
 
 
 def solved_parameters(rig: Rig, cables: tuple[Observed, ...], solve: tuple[str, ...]) -> tuple[Parameter, ...]:
-    """What to solve for: the named groups, and every assumed value, of the points that the cables lead from and to; and of other sensors
-    the zeros and whatever their tables state to be uncertain.
+    """Return the solved parameters: the named groups, and every assumed value, of the points that the cables join; and the zeros and stated
+    uncertain values of other sensors.
 
-    CalibrationError for a group that does not exist, and when nothing is left.
+    CalibrationError for a group that does not exist, and without any parameter.
     """
     points = [p.name for p in rig.observation_point]
     for group, _, owner in (asked.partition(":") for asked in solve):
@@ -256,8 +256,8 @@ def parameter_of(rig: Rig, name: str) -> Parameter:
 
 
 def azimuth_stretch(alpha_deg: float) -> float:
-    """By how much beta is worse known than a guide's direction, 1 up to 60 degrees of alpha: a vertical guide has a direction like any
-    other, but beta can be anything there. Steeper than 60 degrees beta is as uncertain as half so much of the direction makes it."""
+    """Return the factor on beta's uncertainty over that of a guide's direction, 1 up to 60 degrees of alpha. Near vertical, beta can be
+    anything: beyond 60 degrees it is as uncertain as the direction makes it."""
     return max(1.0, 0.5 / max(abs(math.cos(math.radians(alpha_deg))), 1e-9))
 
 
@@ -309,7 +309,7 @@ def stated_u(rig: Rig, name: str) -> float | None:
 
 
 class _Location(NamedTuple):
-    """Where rig.toml keeps a number: in what, that one's name, the key, and which of several numbers there."""
+    """Place of a number in rig.toml: the table, its name, the key, and the index among several numbers there."""
 
     kind: Owner
     owner: str
@@ -318,7 +318,7 @@ class _Location(NamedTuple):
 
 
 def _located(rig: Rig, name: str) -> _Location | None:
-    """Where a number of a calibration record's name is kept; None for a kind of number that a rig does not hold."""
+    """Return the place of a number by its name in a calibration record; None for a kind of number that a rig does not contain."""
     owner, _, key = name.rpartition(".")
     if (own := _of_sensor(rig, name)) is not None:
         return _Location(Owner.SENSOR, owner, own[1].stored, own[1].index)
@@ -397,7 +397,7 @@ def same_direction(key: str, angle: float) -> Iterable[float]:
 
 
 def kernel_values(rows: FloatArray) -> FloatArray:
-    """(m, 13) parameters of m cables in the kernels' order and units, from their rows; NaN for what these do not have."""
+    """Return (m, 13) parameters of m cables in the kernels' order and units, from their rows; NaN for missing ones."""
     out = np.full((len(rows), len(TABLE)), np.nan)
     out[:, _IN_ROWS] = rows[:, _COLUMNS[_IN_ROWS]]
     out[:, _PER_REVOLUTION] *= rows[:, [kernels.TURN_COUNTS]]
@@ -411,8 +411,8 @@ def with_kernel_values(rows: FloatArray, values: FloatArray) -> FloatArray:
 
 
 class Slots:
-    """Where chosen (m, 13) parameters of m cables, rows (m, CABLE_COLUMNS), stand in the kernels' rows: cable (k,) and parameter (k,) of
-    those that do."""
+    """Places of chosen (m, 13) parameters of m cables, rows (m, CABLE_COLUMNS), in the kernels' rows: cable (k,) and parameter (k,) of
+    those with a place."""
 
     def __init__(self, rows: FloatArray, chosen: BoolArray) -> None:
         self.cable, self.parameter = np.nonzero(chosen & _IN_ROWS)

@@ -1,4 +1,4 @@
-"""The tables of rig.toml, each key with what it means: a drum, an observation point, a cable."""
+"""The tables of rig.toml, each key with its meaning: a drum, an observation point, a cable."""
 
 import math
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -169,7 +169,7 @@ class Drum(CableOnDrum):
 
     @property
     def rate_stated(self) -> bool:
-        """Whether somebody said so."""
+        """Return whether the rate is stated."""
         return "max_cable_speed_mm_s" in self.model_fields_set
 
     @property
@@ -203,7 +203,7 @@ class Drum(CableOnDrum):
 
     @property
     def speed_per_count(self) -> float:
-        """Return what a recorded count per second is in mm/s."""
+        """Return mm/s per recorded count per second."""
         return self.count_length_mm / self.scale
 
     @property

@@ -44,7 +44,7 @@ Observed = Cable | SensorChannel
 
 @dataclass(frozen=True)
 class _Zeroing:
-    """Where counters were zeroed: arguments of `Rig.zeroed_at`. Rigs are equal wherever that was."""
+    """Zeroing of counters: arguments of `Rig.zeroed_at`. Rigs are equal whatever it is."""
 
     poses: FloatArray | None = field(default=None, compare=False)
     counts: FloatArray | None = field(default=None, compare=False)
@@ -132,7 +132,7 @@ class Rig(Shown, Strict):
     _paid_out: dict[str, float] = PrivateAttr(default_factory=dict)
     """True counts from `zero_length_mm` to where the counters were zeroed, by cable (`zeroed_at`)."""
     _zeroing: _Zeroing = PrivateAttr(default_factory=_Zeroing)
-    """Where the counters were zeroed (`zeroed_at`)."""
+    """Zeroing of the counters (`zeroed_at`)."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -179,7 +179,7 @@ class Rig(Shown, Strict):
 
     @property
     def measures_turns(self) -> bool:
-        """Whether a sensor may measure how the tool is turned besides where points of it are."""
+        """Return whether a sensor may measure the orientation of the tool besides positions of its points."""
         return any(sensor.kind not in ("swivel", "distance") for sensor in self.sensors)
 
     def parameter_names(self) -> list[str]:
@@ -189,7 +189,7 @@ class Rig(Shown, Strict):
         return [f"{p.name}.{k}" for p in self.observation_point for k in keys] + list(self.tool)
 
     def typical(self, key: str, of: float = 1.0) -> float:
-        """The typical standard uncertainty that a missing key of this rig means; of: the value of which the size is a share."""
+        """Return the typical standard uncertainty for a missing key of this rig; of: the value for a relative size."""
         if self.unstated == "exact":
             return 0.0
         size = TYPICAL_SIZES[key]
@@ -220,7 +220,7 @@ class Rig(Shown, Strict):
         return (*self.cable, *(SensorChannel(s, *end, again=len(ends) > 1) for s, ends in of_sensors for end in ends))
 
     def counter(self, observed: Observed) -> Drum | SensorTable:
-        """Return what counts a channel."""
+        """Return the drum or sensor that counts a channel."""
         return observed.table if isinstance(observed, SensorChannel) else self.point(observed.from_point).drum
 
     def with_sensors(self, changes: Callable[[SensorTable], Mapping[str, Any]]) -> Self:
@@ -229,7 +229,7 @@ class Rig(Shown, Strict):
         return self.model_copy(update=every)
 
     def counters_of(self, passage: int = 1) -> dict[str, Drum | SensorTable]:
-        """Return what each column of a pass's counts shows."""
+        """Return the drum or sensor of each column of a pass's counts."""
         return {o.channel: self.counter(o) for o in self.observed if o.passage == passage}
 
     @property
@@ -327,8 +327,8 @@ class Rig(Shown, Strict):
         return np.array([number[key] for key in begun], dtype=np.int64)
 
     def require_pose(self, redundant: bool = False) -> None:
-        """RigError unless the cables can tell a whole pose: six of them, or more where these are welcome, to attachment points that do not
-        lie on one line."""
+        """Raise RigError unless the cables determine a whole pose: six of them, or more if allowed, to attachment points that do not lie on
+        one line."""
         if len(self.cable) < CABLES_FOR_A_POSE or (len(self.cable) > CABLES_FOR_A_POSE and not redundant):
             numbers = {"n_cable": len(self.cable), "value": "at least" if redundant else "exactly", "cables_for_a_pose": CABLES_FOR_A_POSE}
             raise RigError(message("error.rig_has_cables_a", name=self.name, **numbers))
@@ -379,7 +379,7 @@ def cables_among(channels: Iterable[Observed]) -> tuple[Cable, ...]:
 
 
 def _references(data: Mapping[str, Any]) -> Iterator[tuple[Keys, str]]:
-    """What contradicts itself in the names of a rig.toml's content, whatever else is wrong with it: (keys, what is wrong)."""
+    """Yield contradictions in the names of a rig.toml's content, whatever else is wrong: (keys, fault)."""
     lists = {key: data.get(key) for key in ("observation_point", "cable")}
     tables = {key: [t for t in value if isinstance(t, dict)] if isinstance(value, list) else [] for key, value in lists.items()}
     points, tool = [p.get("name") for p in tables["observation_point"]], data.get("tool")

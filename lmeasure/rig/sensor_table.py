@@ -1,8 +1,8 @@
-"""Tables of rig.toml that state a sensor other than a cable: what every kind has, and the registry of kinds.
+"""Tables of rig.toml that state a sensor other than a cable: the common part of all kinds, and the registry of kinds.
 
 A kind is a model of its table, registered by the table's name. Those of this program are in `TABLES`; other packages enter theirs through
-the entry point group `lmeasure.sensors`, whose objects have the model as `table` (`sensors.SensorKind`). They are looked for only when a
-rig has a table of that name.
+the entry point group `lmeasure.sensors`, whose objects have the model as `table` (`sensors.SensorKind`). They are loaded only for a rig
+with a table of that name.
 """
 
 import math
@@ -44,7 +44,7 @@ class Instrument(Protocol):
 
     @property
     def passes(self) -> int:
-        """How many passes of the motion it needs."""
+        """Return the number of passes of the motion that it needs."""
 
     def point(self, name: str) -> ObservationPoint:
         """Return the observation point of that name."""
@@ -93,22 +93,22 @@ class SensorChannel:
 
     @property
     def channel(self) -> str:
-        """That of its column."""
+        """Return the channel of its column."""
         return self.table.channel
 
     @property
     def name(self) -> str:
-        """That of its column; `sw1@2` in pass 2, where several passes read sw1."""
+        """Return the name of its column; `sw1@2` in pass 2, if several passes read sw1."""
         return f"{self.channel}@{self.passage}" if self.again else self.channel
 
     @property
     def kind(self) -> str:
-        """That of its table in rig.toml."""
+        """Return its table's name in rig.toml."""
         return self.table.kind
 
     @property
     def is_length(self) -> bool:
-        """Whether it reads a length [mm]; else an angle [rad]."""
+        """Return whether it reads a length [mm]; else an angle [rad]."""
         return self.table.is_length
 
 
@@ -169,7 +169,7 @@ class SensorTable(Strict):
 
     @property
     def speed_per_count(self) -> float:
-        """Return what a recorded count per second is in the unit of `rate_key`."""
+        """Return the unit of `rate_key` per recorded count per second."""
         return self.per_count / self.scale * (1.0 if self.is_length else math.degrees(1.0))
 
     @property
@@ -179,7 +179,7 @@ class SensorTable(Strict):
 
     @property
     def rate_stated(self) -> bool:
-        """Whether somebody said so."""
+        """Return whether the rate is stated."""
         return self.rate_key in self.model_fields_set
 
     @model_validator(mode="after")
@@ -212,7 +212,7 @@ class SensorTable(Strict):
         return [(passage, "", getattr(self, "to", "")) for passage in range(1, rig.passes + 1)]
 
     def faults(self, rig: Instrument) -> Iterator[tuple[str, str]]:
-        """Yield what contradicts the rig's other tables: the key, empty for the whole table, and what is wrong."""
+        """Yield contradictions with the rig's other tables: the key, empty for the whole table, and the fault."""
         to = getattr(self, "to", None)
         if to is not None and to not in rig.tool:
             yield "to", message("rig.no_tool_point", point=repr(to), known=", ".join(rig.tool))
@@ -399,7 +399,7 @@ def register_table(table: type[SensorTable]) -> type[SensorTable]:
 
 
 def kernel_kind(table: type[SensorTable]) -> int:
-    """Return what the kernels' rows have as KIND for a kind that another package adds."""
+    """Return KIND in the kernels' rows for a kind that another package adds."""
     number = external_number(table.kind)
     return kernels.EXTERNAL_LENGTH - number if table.is_length else kernels.EXTERNAL_ANGLE + number
 

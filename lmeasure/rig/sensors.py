@@ -52,7 +52,7 @@ class Swivel(AngleSensor):
         return [(c.passage, c.from_point, c.to_point) for c in turning]
 
     def faults(self, rig: Instrument) -> Iterator[tuple[str, str]]:
-        """Yield what is wrong with its point and cable."""
+        """Yield the faults of its point and cable."""
         points = [p.name for p in rig.observation_point]
         if self.point not in points:
             yield "point", message("rig.no_observation_point", point=repr(self.point), known=", ".join(points))

@@ -1,6 +1,6 @@
-"""Typical sizes of errors that nobody stated: what a missing `u_...` key means where a file does not say `unstated = "exact"`.
+"""Typical sizes of unstated errors: the meaning of a missing `u_...` key in a file without `unstated = "exact"`.
 
-A size that suits no cell is named, and never refused, for somebody may have built it so.
+A size that suits no cell is reported, and never refused, as it may be true.
 """
 
 import math
@@ -17,9 +17,8 @@ Unstated = Literal["typical", "exact"]
 
 @dataclass(frozen=True)
 class TypicalSize:
-    """Typical standard uncertainty of what the key of a file states: its value in the unit of the key, a share of the stated quantity where
-    `relative`. stated: a size that a careful measurement reaches, in the same unit; unit: code of the sizes' text; code: name in the
-    catalogue."""
+    """Typical standard uncertainty of a file's key: its value in the unit of the key, a share of the stated quantity where `relative`.
+    stated: a size that a careful measurement reaches, in the same unit; unit: code of the sizes' text; code: name in the catalogue."""
 
     key: str
     value: float
@@ -99,8 +98,8 @@ UNITS_MM = {"metres": 1000.0, "inches": 25.4}
 
 
 def unlikely_size(rig: Mapping[str, Any], source: str) -> Message | None:
-    """What is unlikely about the sizes of a rig, the content of its file, and in which unit they would be usual; None where nothing is, or
-    where it is no rig. source names the file."""
+    """Return a message on unlikely sizes of a rig, the content of its file, and the unit in which they would be usual; None without any, or
+    for no rig. source names the file."""
     try:
         points = [point for point in rig["observation_point"] if "position_mm" in point]
         places = [tuple(map(float, point["position_mm"])) for point in points]

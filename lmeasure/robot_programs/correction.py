@@ -1,6 +1,7 @@
-"""A program corrected for an identified robot: of every target a way to it chosen, corrected and written back; what was left, said.
+"""A program corrected for an identified robot: joint values for every target are chosen, corrected and written back; the others are
+reported.
 
-A robot that is commanded to a pose p goes to p with the error e(p); it is commanded to p* with p* + e(p*) = p, found by going on from p.
+A robot that is commanded to a pose p goes to p with the error e(p); it is commanded to p* with p* + e(p*) = p, found by iteration from p.
 Errors change so little over their own size that each step leaves a thousandth of the one before.
 """
 
@@ -32,14 +33,14 @@ from lmeasure.robots import (
 from lmeasure.text import message
 
 AS_WRITTEN_DEG = 0.02
-"""By which a joint at 0 or at a quarter may seem to be beyond it, because places and angles were written with few decimals."""
+"""Angle by which a joint at 0 or at a quarter turn may seem to be beyond it, because positions and angles have few decimals."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a target. correction: None where no way to it was found or chosen; left: why it stays as it was, empty where it does
-    not; u95_mm: radius about the wanted place that holds 95 % of where the corrected robot goes, what clipping leaves added; u_mm: standard
-    uncertainty of that by identification alone, all coordinates together."""
+    """Outcome of a target. correction: None if no joint values for it were found or chosen; left: reason why it is unchanged, else empty;
+    u95_mm: radius about the wanted position that holds 95 % of the corrected robot's positions, with the remainder after clipping; u_mm:
+    standard uncertainty of that by identification alone, all coordinates together."""
 
     target: Target
     file: str
@@ -74,7 +75,7 @@ class Corrected(Shown):
 
     @property
     def u_mm(self) -> dict[str, float]:
-        """By name of a target, the standard uncertainty that identification leaves of it [mm], all coordinates together; of targets of one
+        """Return by a target's name the standard uncertainty by identification [mm], all coordinates together; for several targets of one
         name the largest."""
         out: dict[str, float] = {}
         for o in self.done:
@@ -90,11 +91,11 @@ class Corrected(Shown):
 def corrected_program(
     listing: Listing, dialect: Dialect, robot: IdentifiedRobot, *, limits: Limits, near: Sequence[float] = ()
 ) -> Corrected:
-    """Targets in the order in which first motions to them stand, joint values nearest to the one before, at first to near (n,) [deg, mm]
-    or to the first target of joint values. Where neither the configuration nor such values tell one way of several, a target is left.
+    """Targets in the order in which first motions to them stand, joint values nearest to the one before, at first to near (n,) [deg, mm] or
+    to the first target of joint values. A target is unchanged if neither the configuration nor such values choose one of several solutions.
 
-    A target in a keep-out box or on a straight way through one, as the identified robot goes to it, is left too. Jumps, loops and calls
-    are not followed: a way that only they make is not looked at.
+    A target in a keep-out box or on a straight path through one, for the identified robot, is unchanged too. Jumps, loops and calls are not
+    followed: a path that only they make is not checked.
     """
     apart = contradicted(listing, dialect, robot.nominal, single=not len(near))
     chosen, left = _chosen([i for i in in_motion_order(listing) if i not in apart], listing, dialect, robot, near)
@@ -115,7 +116,7 @@ def corrected_program(
 
 
 def in_motion_order(listing: Listing) -> list[int]:
-    """Return the numbers of the targets, in the order in which first motions to them stand."""
+    """Return the indices of the targets, in the order of the first motions to them."""
     return sorted(range(len(listing.targets)), key=lambda i: listing.targets[i].moved)
 
 
@@ -132,7 +133,7 @@ class Answer:
 
 
 def carried_out(listing: Listing, dialect: Dialect, limits: Limits, answer: Callable[[int], Answer | str]) -> Corrected:
-    """Return the program with the answers to its targets, asked for in the order of motions; a text says why there is none."""
+    """Return the program with the answers to its targets, in the order of motions; a text gives the reason for none."""
     outcomes: dict[int, Outcome] = {}
     values: dict[int, Sequence[float]] = {}
     place: FloatArray | None = None
@@ -156,7 +157,8 @@ def carried_out(listing: Listing, dialect: Dialect, limits: Limits, answer: Call
 def _chosen(
     order: Sequence[int], listing: Listing, dialect: Dialect, robot: IdentifiedRobot, near: Sequence[float]
 ) -> tuple[dict[int, FloatArray], dict[int, str]]:
-    """By target, the joint values at which the controller reaches it, each nearest to those before; and why others have none."""
+    """Return by target the joint values at which the controller reaches it, each nearest to those before; and the reasons for targets
+    without any."""
     chosen: dict[int, FloatArray] = {}
     left: dict[int, str] = {}
     last = _first(listing, dialect, robot, near)
@@ -302,12 +304,12 @@ def _arm(robot: SerialRobot, joints: FloatArray) -> tuple[bool, bool]:
 STEPS = 50
 SETTLED = 1e-9
 SAME_MM, SAME_RAD = 0.01, 1e-4
-"""By which a program's tool may differ from the one that the map was measured with."""
+"""Differences of a program's tool from the map's up to which they are the same."""
 
 
 def mapped_program(listing: Listing, dialect: Dialect, errors: ErrorMap, *, limits: Limits, tool: FloatArray | None = None) -> Corrected:
-    """Targets in the order in which first motions to them stand. tool (7,): where the measured target sat on the flange; a target given
-    with another is left, and with None every tool is taken for that one."""
+    """Targets in the order in which first motions to them stand. tool (7,): pose of the measured target on the flange; targets with another
+    tool are unchanged, and with None every tool counts as that one."""
 
     def answer(i: int) -> Answer | str:
         target = listing.targets[i]
@@ -324,7 +326,7 @@ def mapped_program(listing: Listing, dialect: Dialect, errors: ErrorMap, *, limi
 
 
 def _unfit(target: Target, listing: Listing, tool: FloatArray | None) -> str:
-    """Why a map cannot be asked about a target."""
+    """Return why the map does not apply to a target."""
     if target.joints:
         return message("robot_programs.joint_values_map_knows")
     if tool is None:

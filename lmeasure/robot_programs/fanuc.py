@@ -1,8 +1,8 @@
 """FANUC TP listings (.ls): positions P[n] of group 1 in user frames and tools; CONFIG is read, not changed.
 
-X, Y, Z in mm and W, P, R in degrees: R = Rz(R) Ry(P) Rx(W). Frames are `UF[n]` and `UT[n]`; UF 0 is the robot's own. A position that a
-motion takes with an offset, along with a moving workpiece or with a tool that stands still, that is not taught (asterisks), or whose
-extended axes are not at 0, is left, and so are those in frames that the program sets.
+X, Y, Z in mm and W, P, R in degrees: R = Rz(R) Ry(P) Rx(W). Frames are `UF[n]` and `UT[n]`; UF 0 is the robot's own. These positions are
+unchanged: with an offset, a moving workpiece or a fixed tool, not taught (asterisks), with extended axes not at 0, and in frames that the
+program sets.
 """
 
 import math
@@ -98,7 +98,7 @@ def _read(k: int, source: Source, reader: Reader) -> None:
 
 
 def _motions(text: str, body: Span) -> Iterator[tuple[re.Match[str], str]]:
-    """Yield motions up to their semicolons, which may stand in other lines."""
+    """Yield motions up to their semicolons, which may be in other lines."""
     start = body[0]
     while (end := text.find(";", start, body[1])) >= 0:
         if m := _MOTION.search(text, start, end):

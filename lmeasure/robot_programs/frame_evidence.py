@@ -1,7 +1,7 @@
-"""Evidence of frames in a program: joint values and a pose of one point must lead the nominal robot to one place.
+"""Evidence of frames in a program: joint values and a pose of one point must lead the nominal robot to one position.
 
-A program that says both of a point (a `qnear` of its own, a row of a table, two targets of one name) shows whether base, flange and tool
-are those of its controller. Joint values typed as a rough hint lie anywhere near; wrong frames are wrong by the same in every point.
+A program that states both for a point (a `qnear` of its own, a row of a table, two targets of one name) shows whether base, flange and tool
+are those of its controller. Joint values typed as a rough hint lie anywhere near; wrong frames have the same error in every point.
 """
 
 import re
@@ -18,11 +18,11 @@ from lmeasure.robots import RobotModel
 from lmeasure.text import joined, message
 
 NOMINAL_MM, NOMINAL_PART, NOMINAL_RAD = 10.0, 0.005, np.radians(1.0)
-"""By how much a nominal robot may miss its controller's poses, in mm or parts of its reach: several times what arms err by."""
+"""Largest miss of a nominal robot at its controller's poses, in mm or parts of its reach: several times the errors of arms."""
 SINGLE_MM, SINGLE_RAD = 60.0, np.radians(15.0)
 """Size from which a single hint counts: typed joint values may be rough."""
 NEAR_RAD = np.radians(90.0)
-"""From a hint, the farthest that a way to its pose may be."""
+"""Largest distance from a hint to the joint values of its pose."""
 MOST = 60
 """Points that are compared with each other."""
 _MARK = r"(?:j(?:oint|nt|p|t|pos)?s?|q|ax(?:is|es)?|p(?:os(?:e|ition)?)?|c(?:art(?:esian)?)?|x)"
@@ -31,8 +31,8 @@ _MARKED = re.compile(rf"(?:{_MARK}_)?(.*?)(?:_{_MARK})?", re.I)
 
 @dataclass(frozen=True)
 class Pair:
-    """A pose target, and the joint values (n,) [rad, mm] of the same point; digit: the last one with which these are written, in units of
-    the dialect; sure: the program says so, and does not merely hint."""
+    """A pose target, and the joint values (n,) [rad, mm] of the same point; digit: their last written one, in units of the dialect; sure:
+    the program states them, and not only as a hint."""
 
     target: Target
     joints: FloatArray
@@ -42,7 +42,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class _Compared:
-    """by_joints, by_pose (7,): base_from_flange; off_mm, off_rad: between them; most_mm, most_rad: what may be."""
+    """by_joints, by_pose (7,): base_from_flange; off_mm, off_rad: between them; most_mm, most_rad: largest allowed."""
 
     by_joints: FloatArray
     by_pose: FloatArray
@@ -58,7 +58,7 @@ class _Compared:
 
     @property
     def agree(self) -> bool:
-        """Whether the two are one place."""
+        """Return whether the two are one position."""
         return self.off_mm <= self.most_mm and self.off_rad <= self.most_rad
 
 
@@ -89,9 +89,9 @@ def pairs_of(listing: Listing, dialect: Dialect, robot: RobotModel) -> dict[int,
 
 
 def contradicted(listing: Listing, dialect: Dialect, robot: RobotModel, *, single: bool = True) -> dict[int, str]:
-    """Return, by number of a pose target, why it contradicts the joint values of its point where others agree with theirs.
+    """Return, by index of a pose target, why it contradicts the joint values of its point while others agree with theirs.
 
-    RobotError where frames explain what most points show, or nothing does. single: whether one hint alone counts.
+    RobotError if frames explain most points, or nothing does. single: whether one hint alone counts.
     """
     pairs = pairs_of(listing, dialect, robot)
     known = {i: c for i, pair in pairs.items() if (c := _compared(pair, listing, dialect, robot)) is not None}
@@ -196,7 +196,7 @@ def _frame(known: Sequence[_Compared]) -> tuple[str, FloatArray] | None:
 
 
 def _strange(wrong: FloatArray) -> bool:
-    """Whether a frame is turned otherwise than by quarter turns."""
+    """Return whether a frame is turned by other than quarter turns."""
     return bool(np.abs(se3.matrices(wrong) - np.round(se3.matrices(wrong))).max() > 0.03)
 
 

@@ -1,8 +1,8 @@
-"""In which frames a program's motions are carried out, whichever ways it goes: conditions, loops, jumps and subroutines, all at once.
+"""Frames of a program's motions on all its paths: conditions, loops, jumps and subroutines, all at once.
 
-What holds at a place is a set of states, each what the program may have set last. A branch leaves what any of its ways leaves, a loop what
-none, one or many rounds leave or what it is left with in the middle, a label what any jump to it brings, a call what the subroutine leaves
-of what it was called with. A motion with several states is in several frames, one without any is never made. Interrupts are not followed.
+At each place there is a set of states, each a possible last setting of the program. A branch unites the states of its paths. A loop unites
+those of none, one or many rounds and of its exits, a label those of all jumps to it. A call applies the subroutine to its states. A motion
+with several states is in several frames, one without any is never made. Interrupts are not followed.
 """
 
 import re
@@ -24,10 +24,10 @@ DEEPEST, MOST_STATES, MOST_ROUNDS = 100, 1000, 1000
 
 @dataclass(frozen=True)
 class Event:
-    """Something that a program does at a place. begin, finish: of the subroutine `name`, which may stand in another; branch, else, loop,
-    close: of a block, branch of the name "switch" where the first of its ways begins with an else, else with `whole` where nothing is left
-    beside it, loop where only an exit ends it; exit, next: of the loop that it
-    stands in; return: of the subroutine; jump, label: of that `name`; set: `change` of the state; call: of `name`; move: asked for."""
+    """Event of a program at a place. begin, finish: of the subroutine `name`, which may be inside another; branch, else, loop, close: of a
+    block, branch of the name "switch" if the first of its paths begins with an else, else with `whole` for the last alternative, loop that
+    only an exit ends; exit, next: of the loop around it; return: of the subroutine; jump, label: of that `name`; set: `change` of the
+    state; call: of `name`; move: a motion."""
 
     place: int
     kind: Literal["begin", "finish", "branch", "else", "loop", "close", "exit", "next", "return", "jump", "label", "set", "call", "move"]
@@ -49,8 +49,8 @@ _Body = list[Event | _Block]
 
 @dataclass
 class _Flow:
-    """Knowledge so far, which only grows: states that subroutines are entered and left with, that jumps bring to a subroutine's labels,
-    that motions are made in, and that loops are begun with; of the loop that is gone through, what it is left with and begun again with."""
+    """Known states, which only grow: at entry and exit of subroutines, at labels from jumps, at motions, and at the start of loops; for the
+    present loop, at its exits and at its repetition."""
 
     entry: dict[str, States]
     leaves: dict[str, States]
@@ -86,7 +86,7 @@ def states(events: Iterable[Event], start: State) -> dict[int, States]:
 
 
 def _bodies(events: Iterable[Event]) -> dict[str, _Body]:
-    """Events and blocks of each subroutine; what stands in none is of that without a name."""
+    """Return events and blocks of each subroutine; those outside all belong to the one without a name."""
     bodies: dict[str, _Body] = {"": []}
     here, open_blocks, outer = bodies[""], list[tuple[_Block, _Body]](), list[tuple[_Body, list[tuple[_Block, _Body]]]]()
     for event in events:
@@ -126,7 +126,7 @@ def _all(body: _Body) -> Iterable[Event]:
 
 
 def _after(body: _Body, states: States, flow: _Flow, name: str) -> States:
-    """Return what a body of the subroutine `name` leaves of these states; `flow` grows."""
+    """Return the states after a body of the subroutine `name`; `flow` grows."""
     for one in body:
         if isinstance(one, _Block):
             states = _after_loop(one, states, flow, name) if one.kind == "loop" else _after_branch(one, states, flow, name)
@@ -172,7 +172,7 @@ def _after_loop(block: _Block, states: States, flow: _Flow, name: str) -> States
 
 NULL = "$NULLFRAME"
 FIXED = ("fixed tool", "")
-"""The frames of a motion of a workpiece that the robot holds to a tool that stands still."""
+"""Frames of a motion of a workpiece on the robot to a fixed tool."""
 _STATEMENT = re.compile(
     r"^[ \t]*(?:(?P<move>S?(?:PTP|LIN|CIRC)(?:_REL)?|SPL(?:_REL)?)\b[ \t]*(?P<rest>.*)"
     r"|(?:PTP_)?(?P<spline>SPLINE)\b(?P<header>.*)|(?P<ends>ENDSPLINE)\b"
@@ -193,8 +193,8 @@ FdatOf = Callable[[int, str], tuple[str, str] | None]
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion's source and place, kind, the place of what follows its kind, the statements of its spline, and the frames (base, tool) that
-    it may be made in, none where nothing leads to it."""
+    """Source and place of a motion, kind, the place behind its kind, the statements of its spline, and its possible frames (base, tool),
+    none for an unreachable one."""
 
     source: int
     place: int
@@ -249,7 +249,7 @@ def motions(texts: Sequence[str], modules: Sequence[str], frame_of: FrameOf, fda
 
 
 def calls(text: str) -> Iterator[tuple[str, int, str]]:
-    """Subroutines that are called: name, place, what they are given; of functions those that the program or an EXTFCT declares."""
+    """Yield called subroutines: name, place, arguments; of functions those that the program or an EXTFCT declares."""
     own = {m[1].upper() for m in re.finditer(r"^[ \t]*(?:GLOBAL\s+)?(?:DEFFCT|EXTFCT)\s+\w+\s+(\w+)", text, re.I | re.M)}
     for m in _STATEMENT.finditer(text):
         if m["call"]:
@@ -259,7 +259,7 @@ def calls(text: str) -> Iterator[tuple[str, int, str]]:
 
 
 def functions(text: str, span: Span) -> Iterator[tuple[str, str]]:
-    """What looks like a call within a statement: a name in capitals, and what it is given."""
+    """Yield possible calls within a statement: a name in capitals, and its arguments."""
     end = text.find("\n", span[0] + len(text[slice(*span)]) - len(text[slice(*span)].lstrip()))
     for m in re.compile(r"\b([A-Z]\w*+)\s*+\(([^()]*+)\)", re.I).finditer(text, span[0], end if end >= 0 else len(text)):
         yield m[1].upper(), m[2]
@@ -284,7 +284,7 @@ def _statements(texts: Sequence[str]) -> Iterator[tuple[int, re.Match[str]]]:
 
 
 def _change(k: int, m: re.Match[str], frame_of: FrameOf, fdat_of: FdatOf) -> Callable[[State], State]:
-    """Return what a statement does to base and tool."""
+    """Return the effect of a statement on base and tool."""
     if m["mode"]:
         mode = m["mode"].upper()
         return lambda s: (s[0], s[1], mode)

@@ -120,7 +120,7 @@ class _Reader(Reader):
         return self.fdat.get((self.modules[k], name.upper()))
 
     def _assigned(self, k: int) -> None:
-        """What the program changes while it runs is no constant."""
+        """Record variables that the program changes: they are no constants."""
         text = self.plain[k]
         for m in _ASSIGNED.finditer(text):
             name, where = re.sub(r"\s", "", m[1]).upper(), self.where(k, m.start(1))
@@ -242,11 +242,11 @@ class _Reader(Reader):
             self.targets.append(Target(name, k, self.line(k, span[0]), joints, values, spans, *frames, flags, moved))
 
     def _set_at(self, frame: str) -> str:
-        """Where the program changes a frame, itself or with others of its array; empty where it does not."""
+        """Return where the program changes a frame, itself or with others of its array; empty if it does not."""
         return self.moving.get(frame) or self.moving.get(frame.partition("[")[0], "")
 
     def _aggregate(self, k: int, span: Span) -> dict[str, tuple[float, Span]] | None:
-        """Fields of {E6POS: X 1.0, Y ...} with their places; None where one is no number, or stands there twice."""
+        """Return fields of {E6POS: X 1.0, Y ...} with their places; None if one is no number, or occurs twice."""
         text = self.plain[k]
         if span[1] < 0:
             return None

@@ -1,7 +1,7 @@
-"""Program as every dialect reads it: targets with the places of their numbers, frames, and what was not understood.
+"""Common form of a program in every dialect: targets with the places of their numbers, frames, and unread parts.
 
-A dialect never guesses. A position is a target where the program moves to it as it stands, in frames that the program or the user
-states; everything else that holds or moves to a position is listed with its line and left as it is.
+A dialect never guesses. A position is a target if the program moves to it unchanged, in frames that the program or the user states. Every
+other position or motion is listed with its line and stays unchanged.
 """
 
 import math
@@ -22,12 +22,12 @@ NUMBER = r"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?"
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 Span = tuple[int, int]
 UNIT = 1e-3
-"""By which the length of a quaternion may differ from 1: programs have four decimals and more."""
+"""Largest difference of a quaternion's length from 1: programs have four decimals and more."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A file of a program: its name, and its text, one character a byte (latin-1), so that what is not touched stays byte for byte."""
+    """A file of a program: its name, and its text, one character a byte (latin-1), so that unchanged parts stay the same byte for byte."""
 
     name: str
     text: str
@@ -63,12 +63,11 @@ class Unread:
 @dataclass(frozen=True)
 class Target:
     """A position of a program. values: its numbers as written, in the dialect's units, spans their places in the source; joints: whether
-    they are joint values; base, tool: names of the frames that it is given in, of `Listing.frames`; flags: of its configuration, by name;
-    moved: source and place of the first motion to it, which need not stand where the target does; near: joint values in the dialect's units
-    that the program states beside a pose, the way to which is the nearest to them; loose: the controller may be commanded to pass over the
-    flags, so that a way is known where the target before says none but theirs; taught: `near` are the joint values
-    of the pose itself; label: what the program calls the point, where that is not its name; sizes: of the
-    dialect's units in those that the numbers are written in, where these are others."""
+    they are joint values; base, tool: names of its frames, of `Listing.frames`; flags: of its configuration, by name; moved: source and
+    place of the first motion to it, which may differ from the target's; near: joint values in the dialect's units that the program states
+    beside a pose, whose solution is the nearest to them; loose: the controller may be commanded to ignore the flags, so that the solution
+    follows from the target before; taught: `near` are the joint values of the pose itself; label: the point's name in the program, if that
+    is different; sizes: of the dialect's units in those of the numbers, if they differ."""
 
     name: str
     source: int
@@ -143,7 +142,7 @@ class Listing:
     assumed: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def stated(self, frames: Mapping[str, FloatArray]) -> "Listing":
-        """With frames that the user states; what the program states itself holds. Targets whose frame nobody states become unread."""
+        """Return it with frames that the user states; those of the program have priority. Targets without a stated frame become unread."""
         known = dict(self.assumed) | dict(frames) | dict(self.frames)
         lost, kept = list(self.unread), []
         for target in self.targets:
@@ -181,7 +180,7 @@ class Reader:
         return f"{self.sources[k].name}:{self.line(k, place)}"
 
     def leave(self, k: int, place: int, why: str, name: str = "") -> None:
-        """Leave what is there as it is; name: of the target, where the reason does not name it."""
+        """Leave a position unchanged and list it; name: of the target, if the reason does not name it."""
         said = composed("{name}: {why}", name=name, why=why) if name else why
         self.unread.append(Unread(self.sources[k].name, self.line(k, place), said))
 
@@ -220,7 +219,7 @@ class Point:
 
 
 class Points:
-    """Declared positions by their names, in whatever case these are written."""
+    """Declared positions by their names, in any case of letters."""
 
     def __init__(self) -> None:
         self._all: dict[str, list[Point]] = {}
@@ -234,7 +233,7 @@ class Points:
         same.append(point)
 
     def at(self, name: str, source: int, place: int) -> Point | None:
-        """Which of that name a place means: that known in the smallest region around it."""
+        """Return the position of that name at a place: the one known in the smallest region around it."""
         around = [(_size(p, source, place), p) for p in self._all.get(name.upper(), [])]
         known = [(size, p) for size, p in around if size is not None]
         return min(known, key=lambda one: one[0])[1] if known else None
@@ -274,7 +273,7 @@ def rewritten(listing: Listing, dialect: Dialect, values: Mapping[int, Sequence[
 
 
 def as_written(old: str, value: float, least: int) -> str:
-    """A number with the decimals of the old one, or so many at least; the old text where it says the same."""
+    """Return a number with the decimals of the old one, or at least so many; the old text if it is equal."""
     if "," in old:
         return as_written(old.replace(",", "."), value, least).replace(".", ",")
     if abs(float(old) - value) < 0.5 * 10.0**-least:
@@ -292,13 +291,13 @@ def masked(text: str, comment: str, quotes: str = '"') -> str:
 
 
 def closing(text: str, start: int, pair: str) -> int:
-    """Where the bracket that opens at start is closed, or -1."""
+    """Return the place where the bracket that opens at start is closed, or -1."""
     return _closed(text, pair).get(start, -1)
 
 
 @lru_cache(maxsize=64)
 def _closed(text: str, pair: str) -> dict[int, int]:
-    """Where each bracket of a text is closed: once for all, for programs may be long."""
+    """Return the place where each bracket of a text is closed: once for all, as programs may be long."""
     out, opened = {}, list[int]()
     for m in re.finditer(f"[{re.escape(pair)}]", text):
         if m[0] == pair[0]:
@@ -328,7 +327,8 @@ def pieces(text: str, span: Span) -> list[Span]:
 
 
 def wrong(values: Sequence[float], quaternion: Sequence[float] = ()) -> str:
-    """Why numbers are those of no target, empty where they may be: one that no robot reaches, or a quaternion that is not of length 1."""
+    """Return why numbers are those of no target, empty if they may be: beyond the reach of any robot, or a quaternion that is not of length
+    1."""
     for value in values:
         if not abs(value) <= MAX_LENGTH_MM:
             return message("robot_programs.number_no_robot_has", value=value)
@@ -343,8 +343,8 @@ def near_turns(angles: FloatArray, old: Sequence[float]) -> FloatArray:
 
 
 def of_angles(convention: str) -> tuple[Callable[[Sequence[float]], FloatArray], Callable[[FloatArray, Sequence[float]], FloatArray]]:
-    """(pose of numbers x, y, z and three angles; numbers of a pose near old ones). Of the two triples that say one rotation the one nearer
-    to the old is written, so that a corrected target looks like the one before."""
+    """(pose of numbers x, y, z and three angles; numbers of a pose near old ones). Of the two triples for one rotation the one nearer to
+    the old is written, so that a corrected target looks like the one before."""
 
     def of(values: Sequence[float]) -> FloatArray:
         return se3.pose(values[:3], rotation_from_angles(convention, np.asarray(values[3:6], dtype=np.float64)))
@@ -363,7 +363,7 @@ def of_angles(convention: str) -> tuple[Callable[[Sequence[float]], FloatArray],
 def of_quaternion(
     order: Sequence[int],
 ) -> tuple[Callable[[Sequence[float]], FloatArray], Callable[[FloatArray, Sequence[float]], FloatArray]]:
-    """`of_angles` for a quaternion; order: where x, y, z, w stand among its four numbers. Of both signs that of the old one is written."""
+    """`of_angles` for a quaternion; order: places of x, y, z, w among its four numbers. Of both signs that of the old one is written."""
 
     def of(values: Sequence[float]) -> FloatArray:
         return se3.pose(values[:3], Rotation.from_quat([values[3 + i] for i in order]))

@@ -1,8 +1,8 @@
 """ABB RAPID (.mod, .prg): robtarget and jointtarget with wobjdata and tooldata; confdata is read, not changed.
 
 Read: declared targets and literals in Move and Trigg instructions, of several of one name the one that the routine or module knows. A work
-object is uframe times oframe and stands still; a tool is held by the robot. Numbers of an orientation are q1 (the scalar), q2, q3, q4.
-Poses with external axes elsewhere than at 0 are left.
+object is uframe times oframe and is fixed; a tool is on the robot. Numbers of an orientation are q1 (the scalar), q2, q3, q4. Poses with
+external axes elsewhere than at 0 stay unchanged.
 """
 
 import math
@@ -109,12 +109,12 @@ class _Reader(Reader):
         return block is not None and (name.lower(), block) in self.hidden[k]
 
     def _frame_at(self, k: int, name: str, place: int) -> str:
-        """The name of a frame; what a routine is given has one that nobody states."""
+        """Return the name of a frame; a parameter of a routine has one that nobody states."""
         return message("robot_programs.given_to_routine", name=name, line=self.line(k, place)) if self._hides(k, name, place) else name
 
     def _changed(self, k: int, text: str) -> None:
-        """What the program changes while it runs is no constant, and where a routine that is given a target moves to it is not
-        determined; all targets are elsewhere where a displacement may be on."""
+        """Record variables that the program changes: they are no constants. Motions of a routine to its parameters are not determined, and
+        all targets are elsewhere while a displacement may be on."""
         for m in _ASSIGNED.finditer(text):
             self._mark(k, m[1], m.start(1), message("robot_programs.changed_program_3"))
             if not self._hides(k, m[1], m.start(1)):
@@ -157,7 +157,7 @@ class _Reader(Reader):
             self._stated(k, kind, name, span)
 
     def _region(self, k: int, m: re.Match[str]) -> Region:
-        """Where a declaration is known: its routine, or, where it is local, its module, or everywhere."""
+        """Return the region of a declaration: its routine, or for a local one its module, or everywhere."""
         around = [_ROUTINE, _MODULE] if "LOCAL" in m[1].upper() else [_ROUTINE]
         block = next((b for kind in around if (b := _around(self.plain[k], kind, m.start()))), None)
         return ((k, *block),) if block else EVERYWHERE
@@ -264,7 +264,7 @@ class _Reader(Reader):
             self.targets.append(Target(name, k, place, False, numbers, spans, *frames, flags, moved, loose=self.loose))
 
     def _lists(self, k: int, span: Span) -> list[list[tuple[float, Span]]] | None:
-        """Lists of numbers within a list, with their places; None where anything else stands there."""
+        """Return lists of numbers within a list, with their places; None for any other content."""
         text = self.plain[k]
         out = []
         for start, stop in pieces(text, (span[0] + 1, closing(text, span[0], "[]"))):
@@ -280,7 +280,8 @@ class _Reader(Reader):
 
 
 def _call(text: str, start: int, end: int) -> re.Match[str] | None:
-    """Return the first word of a statement that calls a routine, or None. What a condition calls is a statement of its own behind THEN."""
+    """Return the first word of a statement that calls a routine, or None. A call under a condition is a statement of its own behind
+    THEN."""
     then = max((m.start() for m in re.finditer(rf"\bTHEN\b|{_MOVE.pattern}", text[start:end], re.I)), default=-1)
     for m in _GIVEN.finditer(text, start, end):
         at_once = m[1].upper() == "IF" and m.end() > start + then

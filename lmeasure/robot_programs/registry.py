@@ -1,4 +1,4 @@
-"""Which dialect a program is in: by the suffixes of its files, or as the user says.
+"""Dialect of a program: by the suffixes of its files, or by the user's choice.
 
 Each module states its own dialect; a new one is its file and a word in `DIALECTS`. Other packages add theirs by the entry point
 `lmeasure.robot_programs` (docs/extending.md), which is read when no dialect of this program has the suffix or the name.

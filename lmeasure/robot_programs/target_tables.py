@@ -1,8 +1,8 @@
 """Targets in tables: plain CSV of this program's columns, and those of RoboDK; any separator, decimal points or commas, quotes.
 
-Plain: `x_mm, y_mm, z_mm` with the columns of a convention of angles or a quaternion, or `joint_1_deg` ...; `name`, or `target`, where it
-has one. RoboDK: `J1` ... [deg], or `X, Y, Z` [mm] with `Rx, Ry, Rz` [deg] of its XYZRPW, R = Rz(rz) Ry(ry) Rx(rx). Poses are given in
-`base` with `tool`, which columns of these names may say.
+Plain: `x_mm, y_mm, z_mm` with the columns of a convention of angles or a quaternion, or `joint_1_deg` ...; `name`, or `target`, if it has
+one. RoboDK: `J1` ... [deg], or `X, Y, Z` [mm] with `Rx, Ry, Rz` [deg] of its XYZRPW, R = Rz(rz) Ry(ry) Rx(rx). Poses are given in `base`
+with `tool`, which columns of these names may state.
 """
 
 import math
@@ -35,10 +35,10 @@ from lmeasure.text import message
 PLACE = ("x_mm", "y_mm", "z_mm")
 Columns = Mapping[str, Column]
 NAMED = ("name", "target", "", "unnamed: 0")
-"""Columns of what a target is called; pandas writes an index under no name."""
+"""Columns of a target's name; pandas writes an index under no name."""
 ROBODK_PLACE, ROBODK_TURN = ("x", "y", "z"), ("rx", "ry", "rz")
 BOM = "\xef\xbb\xbf"
-"""Of UTF-8, a character a byte."""
+"""Byte order mark of UTF-8, a character a byte."""
 _JOINT = re.compile(r"joint_\d+_deg|j\d+")
 
 
@@ -74,11 +74,11 @@ def _column(word: str) -> str:
 
 
 Renamed = dict[str, tuple[str, float]]
-"""By a header in lower case, our name of the column and the size of its unit in ours."""
+"""Our name of a column and the size of its unit in ours, by the header in lower case."""
 
 
 def mapping_of(columns: Columns, header: str) -> Renamed:
-    """Return what `--columns` says of a table of targets; RobotError for what is no column of one, or not in the header."""
+    """Return the assignment of `--columns` for a table of targets; RobotError for unknown columns, or those not in the header."""
     out: Renamed = {}
     turns = {name for c in CONVENTIONS.values() for name in c.columns}
     there = [_column(word.strip('"')) for word in re.split(r"[,;\t]", header)]
@@ -162,7 +162,7 @@ def _rows(k: int, turn: tuple[str, ...], place: tuple[str, ...], mapping: Rename
 
 
 def _table(sources: Sequence[Source], columns: Columns | None = None) -> Dialect:
-    """Return the dialect of a table, with what `--columns` says of it: which columns of an orientation it has."""
+    """Return the dialect of a table with the columns that `--columns` assigns."""
     header = header_line(sources[0].text)
     mapping = mapping_of(columns or {}, header)
     words = {w.strip(' "\r').lower() for w in re.split(r"[,;\t]", header)}

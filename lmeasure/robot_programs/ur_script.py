@@ -1,8 +1,8 @@
 """Universal Robots script: p[...] poses (m, rotation vector) and [...] joint values (rad) of movej, movel, movep, movec, servoj; set_tcp.
 
-Read: literals in the call, or names that are set to one literal; a pose within get_inverse_kin(pose, qnear), whose joint values tell the
-way to it. The tool is what the last set_tcp before the line sets, else `tcp`, the controller's own, which the user has to state; a base is
-`base`, or the frame that pose_trans(frame, p[...]) names.
+Read: literals in the call, or names that are set to one literal; a pose within get_inverse_kin(pose, qnear), whose joint values choose the
+solution. The tool is that of the last set_tcp before the line, else `tcp`, the controller's own, which you must state; a base is `base`, or
+the frame that pose_trans(frame, p[...]) names.
 """
 
 import re
@@ -122,7 +122,8 @@ class _Script:
                 self.leave(literal.span[0], message("robot_programs.no_motion_goes_stands", name=name))
 
     def _blocks(self) -> list[Event]:
-        """Functions, which may stand within others, blocks, and calls of the functions; a thread that is run may or may not have run."""
+        """Return events of functions, which may be inside others, blocks, and calls of the functions; a started thread may or may not have
+        run."""
         events = []
         inside: list[bool] = []  # of the `end`s to come: whether each is a function's
         for m in _BLOCK.finditer(self.text):
@@ -164,7 +165,7 @@ class _Script:
                 )
 
     def _unnamed(self, argument: Span) -> Span:
-        """Return what is given as pose=... or q=..., without that."""
+        """Return the argument of pose=... or q=... without its name."""
         m = _KEY.match(self.text, *argument)
         return (m.end(), argument[1]) if m and m[1] in _TARGET_KEYS else argument
 
@@ -272,7 +273,7 @@ class _Script:
             self.reader.targets.append(Target(name, self.k, line, not literal.is_pose, values, spans, *min(used), moved=moved, near=near))
 
     def _six(self, span: Span) -> list[tuple[float, Span]] | None:
-        """The six numbers of a list in brackets, with their places; None where anything else stands there."""
+        """Return the six numbers of a list in brackets, with their places; None for any other content."""
         if self.text[span[0] : span[0] + 1] != "[" or closing(self.text, span[0], "[]") != span[1] - 1:
             return None
         parts = pieces(self.text, (span[0] + 1, span[1] - 1))

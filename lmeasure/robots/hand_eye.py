@@ -1,7 +1,7 @@
-"""AX = YB with covariance: where a robot stands in an instrument's frame, and how a target sits on its flange, from poses of both.
+"""AX = YB with covariance: a robot's base in an instrument's frame, and a target's pose on its flange, from poses of both.
 
-Y is instrument_from_base, X flange_from_target: instrument_from_target = Y base_from_flange X. It is an identification in which nothing
-of the robot is freed (cf. Ha, Probabilistic framework for hand-eye and robot-world calibration AX = YB, IEEE T-RO 39, 2023).
+Y is instrument_from_base, X flange_from_target: instrument_from_target = Y base_from_flange X. It is an identification without free
+parameters of the robot (cf. Ha, Probabilistic framework for hand-eye and robot-world calibration AX = YB, IEEE T-RO 39, 2023).
 """
 
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from lmeasure.robots.model import Parameter
 from lmeasure.text import message
 
 ASTRAY = 0.1
-"""Of the spread of the places: what poses of both still miss each other by where they are not poses of one robot and one target."""
+"""Part of the positions' spread from which the remaining differences show that poses are not those of one robot and one target."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +54,10 @@ class GivenPoses:
 
 
 def frames(robot: Poses, instrument: Poses, seed: int = 0) -> Identified[GivenPoses]:
-    """Base and target from poses of the same names, as many as both have: base_from_flange and instrument_from_target.
+    """Return base and target from poses of the same names in both: base_from_flange and instrument_from_target.
 
-    Stated uncertainties of both count, those of the robot taken to the instrument's frame; where neither states any, the noise is what
-    the residuals show. RobotError where no name stands in both, and where what base and target leave is no error of measurement.
+    Stated uncertainties of both are used, those of the robot in the instrument's frame; if neither states any, the residuals determine the
+    noise. RobotError without a common name, or if the residuals are too large for errors of measurement.
     """
     both = [n for n in instrument.names if n in set(robot.names)]
     if not both:

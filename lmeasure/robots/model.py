@@ -16,10 +16,10 @@ from lmeasure.text import message
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a robot as files name it, such as `joint_2.a_mm`; value in the unit (`mm`, `deg`, ...) that the name ends with.
+    """A parameter of a robot with its name in files, such as `joint_2.a_mm`; value in the unit (`mm`, `deg`, ...) that the name ends with.
 
-    size: what a unit of it is in the robot's own numbers, radians and millimetres; width: how far it may lie from its nominal value, as
-    a standard uncertainty in its unit, where nothing else is known.
+    size: its unit in the robot's own numbers, radians and millimetres; width: default standard uncertainty of its nominal value, in its
+    unit.
     """
 
     name: str
@@ -37,12 +37,12 @@ class RobotModel(Protocol):
 
     @property
     def name(self) -> str:
-        """As its file calls it."""
+        """Return the name in its file."""
         ...
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """In the order of joint values."""
+        """Return names in the order of joint values."""
         ...
 
     @property
@@ -62,7 +62,7 @@ class RobotModel(Protocol):
 
     @property
     def reach_mm(self) -> float:
-        """How far from its base the flange can be [mm]; infinity where that is not known."""
+        """Return the farthest distance of the flange from its base [mm]; infinity if unknown."""
         ...
 
     def moved(self, change: FloatArray) -> Self:

@@ -26,9 +26,9 @@ from lmeasure.text import message
 
 LEGS = 6
 CLOSES_MM = 1e-7
-"""By which a pose may miss its lengths."""
+"""Largest error of a pose's lengths."""
 POINT_MM, OFFSET_MM, SCALE = 3.0, 3.0, 0.003
-"""What joints and lengths may be off by, as standard uncertainties: wider than those of any platform that is built."""
+"""Errors of joints and lengths, as standard uncertainties: wider than those of any real platform."""
 _AXES = ("x_mm", "y_mm", "z_mm")
 Point = tuple[Length, Length, Length]
 
@@ -198,7 +198,7 @@ class Platform:
 
     @property
     def size_mm(self) -> float:
-        """Return the size of the platform [mm]: what a turn by a radian moves."""
+        """Return the size of the platform [mm], the lever arm of a radian."""
         points = np.concatenate([self.platform[~np.isnan(self.platform[:, 0])], self.rods.platform])
         return max(float(np.linalg.norm(points - points.mean(axis=0), axis=1).max()), 1.0)
 
@@ -343,5 +343,5 @@ class PlatformFile(Strict):
         return data
 
     def with_values(self, values: dict[str, float]) -> Self:
-        """With values of its parameters by name, such as `leg_1.base_x_mm`."""
+        """Return it with values of its parameters by name, such as `leg_1.base_x_mm`."""
         return self.model_copy(update={"leg": legs_with(self.leg, values), "rod": legs_with(self.rod, values)})

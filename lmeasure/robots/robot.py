@@ -1,4 +1,4 @@
-"""A robot as robot.toml states it: joints by standard Denavit-Hartenberg links, with what else is known of them."""
+"""A robot of a robot.toml: joints by standard Denavit-Hartenberg links, and further data."""
 
 import math
 from importlib.resources import files as resources
@@ -21,7 +21,7 @@ _SHIPPED = resources("lmeasure.robots").joinpath("shipped")
 MOST_JOINTS = 32
 LIMITS = ("min_deg", "max_deg", "min_mm", "max_mm")
 GEOMETRY = frozenset(("name", "type", "theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg", *LIMITS, "pitch_mm", "follows", "ratio"))
-"""Keys of a joint that say where its axis lies, how far it goes and which joint it follows."""
+"""Keys of a joint for its axis, its limits and the joint that it follows."""
 
 
 class _Link(Strict):
@@ -77,7 +77,7 @@ class Revolute(_Link):
 
     @property
     def terms(self) -> tuple[float, ...]:
-        """In the order of `serial_robot.TERMS`, rad and N mm."""
+        """Return the terms in the order of `serial_robot.TERMS`, rad and N mm."""
         angles = (self.sin1_deg, self.cos1_deg, self.sin2_deg, self.cos2_deg, 1e-3 * self.compliance_deg_per_nm, self.backlash_deg)
         return (self.scale - 1.0, *(math.radians(v) for v in angles))
 
@@ -115,7 +115,7 @@ class Prismatic(_Link):
 
     @property
     def terms(self) -> tuple[float, ...]:
-        """In the order of `serial_robot.TERMS`, mm and N."""
+        """Return the terms in the order of `serial_robot.TERMS`, mm and N."""
         return (self.scale - 1.0, self.sin1_mm, self.cos1_mm, self.sin2_mm, self.cos2_mm, self.compliance_mm_per_n, self.backlash_mm)
 
 
@@ -175,7 +175,7 @@ class Robot(Strict):
 
     @property
     def sliding(self) -> tuple[bool, ...]:
-        """Whether each joint slides."""
+        """Return whether each joint slides."""
         return tuple(isinstance(j, Prismatic) for j in self.joint)
 
     @property
@@ -232,7 +232,7 @@ class Robot(Strict):
         return data
 
     def with_values(self, values: dict[str, float]) -> Self:
-        """With values of its parameters by name, such as `joint_2.a_mm`."""
+        """Return it with values of its parameters by name, such as `joint_2.a_mm`."""
         of: dict[str, dict[str, float]] = {}
         for name, value in values.items():
             joint, key = name.rsplit(".", 1)

@@ -1,18 +1,16 @@
-"""Serial arms by Denavit and Hartenberg's parameters: forward kinematics and its derivatives of any arm, and all joint values that take
-an arm's tool to a pose: in closed form for an elbow arm with a spherical wrist, by Newton's method from many starts for any other.
+"""Serial arms by Denavit and Hartenberg's parameters: forward kinematics and its derivatives of any arm, and all joint values that take an
+arm's tool to a pose: in closed form for an elbow arm with a spherical wrist, by Newton's method from many starts for any other.
 
-Link i turns about z by theta, moves along z by d, along the new x by a, turns about it by alpha, and about the new y by beta:
-T_i = Rz(q_i + theta_i) Tz(d_i) Tx(a_i) Rx(alpha_i) Ry(beta_i); where the joint is prismatic, q_i is added to d_i. The beta, zero in a
-nominal arm, is Hayati's: without it a small tilt between parallel axes would need a distant d (Hayati and Mirmirani, J. Robotic
-Systems 2, 1985).
+Link i turns about z by theta, moves along z by d, along the new x by a, turns about it by alpha, and about the new y by beta: T_i = Rz(q_i
++ theta_i) Tz(d_i) Tx(a_i) Rx(alpha_i) Ry(beta_i); where the joint is prismatic, q_i is added to d_i. The beta, zero in a nominal arm, is
+Hayati's: without it a small tilt between parallel axes would need a distant d (Hayati and Mirmirani, J. Robotic Systems 2, 1985).
 
 A general arm of six turning joints has at most 16 solutions (Raghavan and Roth, J. Mech. Design 115, 1993); one of seven has whole curves
-of them, of which the starts give single points. Solutions that differ by whole turns of a joint count as one, that
-nearest to its middle.
+of them, from which the starts give single points. Solutions that differ by whole turns of a joint count as one, that nearest to its middle.
 
-Each joint's effective value is q + sum of terms: scale_error q, sin1 sin q + cos1 cos q + sin2 sin 2q + cos2 cos 2q (an encoder off
-its axis errs once per turn, an oval one twice), compliance times the torque of the stated payload about the joint, and half the play on
-the side that the joint was come from. Torques are those of the arm as it was read: identified lengths change them by a thousandth.
+Each joint's effective value is q + sum of terms: scale_error q, sin1 sin q + cos1 cos q + sin2 sin 2q + cos2 cos 2q (an encoder off its
+axis errs once per turn, an oval one twice), compliance times the torque of the stated payload about the joint, and half the play on the
+side of the joint's approach. Torques are those of the nominal arm: identified lengths change them by a thousandth.
 """
 
 import math
@@ -87,7 +85,7 @@ class SerialArm:
         return joints if self.coupling is None else np.asarray(joints @ self.coupling.matrix.T)
 
     def with_errors(self, errors: FloatArray) -> "SerialArm":
-        """The same arm with (n, 5) errors added to its links: what was built, beside what its controller believes."""
+        """Return the arm with (n, 5) errors added to its links: the built arm, beside the one that its controller assumes."""
         return replace(self, links=self.links + errors)
 
     def forward(self, joints: FloatArray, growth: FloatArray | float = 0.0) -> FloatArray:
@@ -197,7 +195,7 @@ class SerialArm:
 
     @property
     def is_elbow(self) -> bool:
-        """Whether `ways` solves it."""
+        """Return whether `ways` solves it."""
         links = self.links
         if len(links) != ELBOW_AXES or self.coupling is not None or self.sliding.any():
             return False
@@ -240,7 +238,8 @@ class SerialArm:
         return np.concatenate([joints[:1], joints[:1] + np.cumsum(steps, axis=0)])
 
     def deflection(self, joints: FloatArray, stiffness: FloatArray, force: FloatArray, points: FloatArray) -> FloatArray:
-        """(n, 6) angles [rad] by which forces (n, 3) [N] at points (n, 3) [mm] turn joints of the given stiffness (6,) [N mm/rad]."""
+        """Return (n, 6) angles [rad] by which forces (n, 3) [N] at points (n, 3) [mm] turn joints of the given stiffness (6,) [N
+        mm/rad]."""
         on, along = self.axes(joints)
         torque = np.einsum("nik,nik->ni", along, np.cross(points[:, None] - on, force[:, None]))
         torque = torque if self.coupling is None else torque @ self.coupling.matrix
@@ -357,7 +356,8 @@ HARMONICS = (SIN1, COS1, SIN2, COS2)
 NEARLY_PARALLEL = math.sin(math.radians(10.0))
 """Sine of the angle between neighbouring axes under which Hayati's beta is one of the robot's parameters."""
 LENGTH_WIDTH_MM, ANGLE_WIDTH_DEG = 3.0, 0.5
-"""Of nominal lengths and angles: wider than those of any robot that is built, so that only what data do not tell is held by them."""
+"""Priors of nominal lengths and angles: wider than those of any real robot, so that they decide only values that the data do not
+determine."""
 _DEG = math.radians(1.0)
 # of compliance: a joint of 1000 N m per radian, softer than those of the lightest arms
 _LINKS = (("theta_deg", OFFSET), ("d_mm", D), ("a_mm", A), ("alpha_deg", ALPHA), ("beta_deg", BETA))
@@ -373,7 +373,7 @@ _TURNING, _SLIDING = (
         ("mm", 1.0, 0.3, ("compliance_mm_per_n", "mm/N", 1.0, 1e-2)),
     )
 )
-"""Of the terms of turning and of sliding joints, in the order of `TERMS`: key, unit, size and width as of `Parameter`."""
+"""Terms of turning and of sliding joints, in the order of `TERMS`: key, unit, size and width as in `Parameter`."""
 
 
 @dataclass(frozen=True)
@@ -395,7 +395,7 @@ class SerialRobot:
     load_n: FloatArray
     load_mm: FloatArray
     drawn: SerialArm
-    """By whose lengths the payload's torques are reckoned."""
+    """Arm whose lengths give the payload's torques."""
 
     @property
     def sliding(self) -> BoolArray:
@@ -478,7 +478,7 @@ class SerialRobot:
         return [(i, t) for i, t in every if t not in HARMONICS or not np.isnan(self.turn[i])]
 
     def _basis(self, joints: FloatArray, side: FloatArray | None) -> FloatArray:
-        """(N, n, 7) what each term is multiplied with."""
+        """Return (N, n, 7) factors of each term."""
         phase = joints * np.nan_to_num(self.turn)
         out = np.zeros((*joints.shape, len(TERMS)))
         out[..., SCALE] = joints
@@ -497,7 +497,7 @@ class SerialRobot:
         return np.asarray(joints + np.einsum("njt,jt->nj", basis, self.terms))
 
     def _gain(self, joints: FloatArray) -> FloatArray:
-        """(N, n) derivative of a joint's effective value by its value. The change of the payload's torques is left out: it is as
+        """Return the (N, n) derivative of a joint's effective value by its value. The change of the payload's torques is omitted: it is as
         small as the angle by which the payload turns the joint."""
         turn = np.nan_to_num(self.turn)
         phase, t = joints * turn, self.terms

@@ -82,7 +82,8 @@ class Mounted:
         return self.placed(flange)
 
     def deflection(self, joints: FloatArray, stiffness: FloatArray, force: FloatArray, points: FloatArray) -> FloatArray:
-        """(N, n) rad or mm by which forces (N, 3) [N] at points (N, 3) [mm], both in the cell's axes, move joints of the stiffness (n,)."""
+        """Return (N, n) rad or mm by which forces (N, 3) [N] at points (N, 3) [mm], both in the cell's axes, move joints of the stiffness
+        (n,)."""
         _, by_joints, _ = self.robot.derivatives(joints, None, NONE)
         turn = se3.matrices(self.base)
         own, at = force @ turn, (points - self.base[:3]) @ turn
@@ -134,7 +135,7 @@ BETWEEN = 101
 
 
 Mechanics: TypeAlias = SerialArm | Mounted
-"""Moving robot: an arm by itself, or a robot of any kind where it stands."""
+"""Moving robot: an arm by itself, or a robot of any kind on its base."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +200,7 @@ class SimulatedRobot:
         return self._gone(commands, setpoints, spans, asked, rate_hz, rng)
 
     def _there(self, begin: FloatArray, end: FloatArray) -> bool:
-        """Whether all joint values (n,) between two have a pose, as drawn and as built."""
+        """Return whether all joint values (n,) between two have a pose, nominal and built."""
         way = begin + np.linspace(0.0, 1.0, BETWEEN)[:, None] * (end - begin)
         try:
             for robot in (self.nominal, self.built):
@@ -220,7 +221,7 @@ class SimulatedRobot:
         since_s: float = 0.0,
         progress: Callable[[int, int], None] | None = None,
     ) -> "Performance":
-        """Where it goes with joint values (n, axes) asked of it."""
+        """Return the robot's motion with requested joint values (n, axes)."""
         n = len(asked)
         time_s = np.arange(n) / rate_hz
         out = np.empty((n, 7))
@@ -288,8 +289,8 @@ class Span:
 
 @dataclass(frozen=True)
 class Performance:
-    """Commands carried out: (n,) times [s], (n, 7) commanded and true poses, when each command was carried out, and the joint values
-    (n, joints) that the controller asked for."""
+    """Commands carried out: (n,) times [s], (n, 7) commanded and true poses, the times of each command, and the controller's joint values
+    (n, joints)."""
 
     time_s: FloatArray
     commanded: FloatArray
@@ -330,7 +331,7 @@ def _sampled(knots: Sequence[float], table: FloatArray, ramp_s: tuple[float, flo
 
 
 def _averaged(values: FloatArray, spans_s: Sequence[float], rate_hz: float) -> FloatArray:
-    """The mean over the last span of each sample, span after span; before the first sample stands its value."""
+    """Return the mean over the last span of each sample, span after span; before the first sample its value is repeated."""
     for span in spans_s:
         width = max(round(span * rate_hz), 1)
         padded = np.concatenate([np.full(width, values[0]), values]) - values[0]
@@ -340,9 +341,9 @@ def _averaged(values: FloatArray, spans_s: Sequence[float], rate_hz: float) -> F
 
 
 FOOT_MM = (1100.0, 0.0, -500.0)
-"""At the side of the cell where no cable passes, below the work space; the arm looks along -X."""
+"""Foot of the robot, at the side of the cell where no cable passes, below the work space; the arm looks along -X."""
 TOOL_MM = 100.0
-"""From the flange down to the tool's origin."""
+"""Distance from the flange down to the tool's origin."""
 U_LENGTH_MM, U_ANGLE_RAD = 0.15, 2e-4
 JOINT_NOISE_RAD = 1.5e-5
 BACKLASH_RAD = 3e-5
@@ -353,17 +354,17 @@ GROWTH = 1.5e-4
 """A steel arm that gets 13 K warmer."""
 GROWTH_S = 1800.0
 REST = (0.0, 0.0, 0.0, 0.0, 1.4, 0.0)
-"""Joint angles near which it stands before it begins."""
+"""Joint angles near its pose before the start."""
 # the flange looks down, the tool's axes are those of the base frame at rest
 _FRAMES = (
     se3.pose(FOOT_MM, Rotation.from_rotvec([0.0, 0.0, math.pi])),
     se3.pose([0.0, 0.0, TOOL_MM], Rotation.from_matrix(np.diag([-1.0, 1.0, -1.0]))),
 )
-"""Where the arm stands in the cell, and the tool on its flange."""
+"""Base of the arm in the cell, and the tool on its flange."""
 
 
 def nominal_robot() -> Robot:
-    """The arm as its maker drew it, as a robot.toml has it: where it stands in the cell, its tool, and the rated load at that."""
+    """Return the nominal arm of a robot.toml: its base in the cell, its tool, and the rated load at that."""
     place = [Place(position_mm=tuple(row[:3]), quaternion_xyzw=tuple(row[3:])) for row in _FRAMES]
     payload = Payload(mass_kg=RATED_LOAD_KG, centre_mm=place[1].position_mm)
     return shipped("generic6").model_copy(update={"name": "cell_robot", "base": place[0], "tool": place[1], "payload": payload})

@@ -1,9 +1,9 @@
-"""Robots from URDF, and as URDF: the chain of joints that is asked for, by lxml, which fetches nothing and expands nothing.
+"""Robots from URDF, and as URDF: the requested chain of joints, by lxml, which fetches nothing and expands nothing.
 
 URDF states metres, radians, and for each joint a frame (fixed XYZ angles) with an axis in it. A chain is taken over as Denavit-Hartenberg
-links by the lines of its axes alone: between skew or crossing axes by their common normal, between parallel ones
-by the normal that leaves no d, with Hayati's beta. Fixed joints before the first axis are the robot's base, those behind the last axis its
-flange. Joints that mimic another are the same variable. Which links are meant, `urdf_tree` decides.
+links by the lines of its axes alone: between skew or crossing axes by their common normal, between parallel ones by the normal that leaves
+no d, with Hayati's beta. Fixed joints before the first axis are the robot's base, those behind the last axis its flange. Joints that mimic
+another are the same variable. `urdf_tree` finds the links of the chain.
 """
 
 import math
@@ -24,7 +24,7 @@ from lmeasure.text import message
 LARGEST = 1 << 24
 MM = 1e3
 ENDLESS_RAD = 100.0
-"""Limits [rad, m] from here on say that a joint has none."""
+"""Limits [rad, m] from here on mean that a joint has none."""
 _HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 
@@ -46,7 +46,7 @@ class _Joint:
 def read_urdf(path: Path, tip: str | None = None, base: str | None = None) -> Robot:
     """Read the chain from the link `base` to the link `tip`; by default from the controller's base to its flange (`urdf_tree`).
 
-    RobotError names what cannot be read of the chain; what is elsewhere in the file is not looked at.
+    RobotError names unreadable parts of the chain; other parts of the file are not read.
     """
     root = _parsed(path)
     tree = Tree(path, [_branch(element) for element in root.iterfind("joint")])
@@ -90,7 +90,7 @@ def read_urdf(path: Path, tip: str | None = None, base: str | None = None) -> Ro
 
 
 def write_urdf(path: Path, robot: Robot) -> None:
-    """Write the robot's geometry as URDF, whole or not at all; what it has no words for a comment names."""
+    """Write the robot's geometry as URDF, whole or not at all; a comment names the parts that URDF cannot describe."""
     root = etree.Element("robot", name=robot.name)
     left_out = sorted(
         {key for j in robot.to_dict()["joint"] for key in j if key not in GEOMETRY and not (key == "scale" and j[key] == -1.0)}
@@ -176,7 +176,7 @@ def _parsed(path: Path) -> etree._Element:
 
 
 def _branch(element: etree._Element) -> Branch:
-    """A joint of the file, as far as it says which links it joins."""
+    """Return a joint of the file with the links that it joins, as far as stated."""
     ends = [link.get("link") or "" if (link := element.find(end)) is not None else "" for end in ("parent", "child")]
     mimic = element.find("mimic")
     followed = None if mimic is None else Mimic(mimic.get("joint") or "", mimic.get("multiplier"), mimic.get("offset"))
@@ -215,7 +215,7 @@ def _joint(element: etree._Element, branch: Branch, path: Path) -> _Joint:
 
 
 def _coupled(moving: list[_Joint], tree: Tree, path: Path) -> list[_Joint]:
-    """The joints with which of them follow another; where that is not in the chain, the first that follows it stands for it."""
+    """Return the joints with the index of the one that each follows; if that is not in the chain, the first that follows it replaces it."""
     own = {j.name: j for j in moving}
     leads: dict[str, tuple[str, float, float]] = {}  # by joint of the file: the joint of the chain that has its value, and how
     out: list[_Joint] = []

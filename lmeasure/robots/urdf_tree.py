@@ -41,7 +41,7 @@ class Mimic:
 
 @dataclass(frozen=True)
 class Branch:
-    """A joint of the file and the links that it joins, empty where it does not say so."""
+    """A joint of the file and the links that it joins, empty if not stated."""
 
     name: str
     kind: str
@@ -49,7 +49,7 @@ class Branch:
     child: str
     mimic: Mimic | None
     endless: bool = False
-    """Whether its limits are so wide that they say there are none."""
+    """Whether its limits are so wide that they mean none."""
 
 
 class Tree:
@@ -66,7 +66,7 @@ class Tree:
                 self._below[branch.parent].append(branch)
 
     def tip(self, asked: str | None) -> str:
-        """Return the link at which the chain ends: the one asked for, else the flange; RobotError where several could be meant."""
+        """Return the link at which the chain ends: the requested one, else the flange; RobotError for several candidates."""
         if asked is not None:
             if asked not in self._above:
                 joint = self.by_name.get(asked)
@@ -143,7 +143,7 @@ class Tree:
         return out
 
     def _is_base(self, link: str, on_way: Sequence[str]) -> bool:
-        """Whether a link is called `base`, or `X_base` beside the chain's own `X_base_link`."""
+        """Return whether a link is called `base`, or `X_base` beside the chain's own `X_base_link`."""
         return link == "base" or (link.endswith("base") and f"{link}_link" in on_way)
 
     def _fixed_way(self, start: str, end: str) -> list[Branch]:
@@ -161,11 +161,11 @@ class Tree:
         return sorted({b.child for b in self.branches if b.child and not self._below[b.child]})[:12]
 
     def _moves(self, branch: Branch) -> bool:
-        """Whether a joint is an axis of an arm: it moves, follows none, and is no finger."""
+        """Return whether a joint is an axis of an arm: it moves, follows none, and is no finger."""
         return branch.kind in MOVING and branch.mimic is None
 
     def _finger(self, branch: Branch) -> bool:
-        """Whether a joint moves a finger, by its name or that of its link, or a gripper that has no fingers behind."""
+        """Return whether a joint moves a finger, by its name or that of its link, or a gripper that has no fingers behind."""
         if branch.kind not in MOVING:
             return False
         if _FINGER.search(branch.name) or _FINGER.search(branch.child):
@@ -178,7 +178,7 @@ class Tree:
         return not any(b.kind in MOVING and _FINGER.search(b.name + b.child) for link in links for b in self._below.get(link, []))
 
     def _named(self) -> str | None:
-        """The link whose name says that it is the flange."""
+        """Return the link with the name of a flange."""
         for pattern in _FLANGES:
             found: dict[tuple[str, ...], list[str]] = {}
             for link in self._above:
@@ -210,7 +210,7 @@ class Tree:
         return self._descended(begin[0], heights, strict=True)
 
     def _heights(self, *, fingers: bool) -> dict[str, int]:
-        """By link, the most axes of one chain below it, with or without what is behind fingers."""
+        """Return by link the most axes of one chain below it, with or without those behind fingers."""
         order = [link for link in self._below if not self._above.get(link)]
         for link in order:  # grows: every link is behind the one above it
             order += [b.child for b in self._below.get(link, []) if len(self._above[b.child]) == 1]
@@ -246,7 +246,7 @@ class Tree:
             behind = link if branch.kind in MOVING else behind
 
     def _twins(self, branch: Branch, other: Branch) -> bool:
-        """Whether two joints are the fingers of a gripper: alike, and one moves as far as the other."""
+        """Return whether two joints are the fingers of a gripper: alike, and one moves as far as the other."""
         mimic = other.mimic
         return mimic is not None and mimic.joint == branch.name and branch.kind == other.kind and mimic.multiplier in (None, *_SAME)
 

@@ -1,4 +1,4 @@
-"""Reference poses counted over a bus: a person or a robot's program goes through them, and a calibration folder is what is left.
+"""Reference poses counted over a bus: a user or a robot's program goes through them, and the result is a calibration folder.
 
-The folder is the state: every reading stands in its `counts.csv` as soon as it is taken, and a session begun again goes on from there.
+The folder is the state: every reading is in its `counts.csv` as soon as it is taken, and a new session continues from there.
 """

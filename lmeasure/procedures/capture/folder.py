@@ -1,11 +1,11 @@
-"""The folder of a capture: a calibration folder from its first reading on, and all that a session needs to go on.
+"""The folder of a capture: a calibration folder from its first reading on, and everything that a session needs to continue.
 
-    rig.toml, reference_poses.csv, counts.csv   what `lmeasure calibrate` takes
-    capture.toml                                that it is a capture's, and what was done in it beside readings
+    rig.toml, reference_poses.csv, counts.csv   input of `lmeasure calibrate`
+    capture.toml                                the mark of a capture, and its actions beside readings
     frames/1, frames/2, ...                     a recording of each session: raw frames, counts, faults
 
-`counts.csv` is the state: the rows of one pose that follow one another are a reading, the samples of a dwell, with the recording that holds
-them and their time in it. It is written whole at every reading, so that a session that is killed leaves all readings or all but the last.
+`counts.csv` is the state: the rows of one pose that follow one another are a reading, the samples of a dwell, with their recording and
+their time in it. It is written whole at every reading, so that a session that is killed leaves all readings or all but the last.
 """
 
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ from lmeasure.text import message
 SCHEMA = "lmeasure.capture/1"
 UNCERTAINTIES = ("u_position_mm", "u_rotation_deg", "u_repeatability_mm")
 MOST_ROWS = 50
-"""Of a dwell, spread over it: samples that are nearer repeat the same swing, and the same count."""
+"""Most rows of a dwell, spread over it: nearer samples repeat the same swing, and the same count."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class CaptureFolder:
 
     @property
     def u_repeatability_mm(self) -> float:
-        """Return how exactly the robot comes back, 0 where nobody states it."""
+        """Return the robot's stated repeatability, 0 without a statement."""
         table = files.read_table(self.path / "reference_poses.csv")
         return float(table.numbers(UNCERTAINTIES[2]).max()) if UNCERTAINTIES[2] in table.columns else 0.0
 
@@ -113,7 +113,7 @@ class CaptureFolder:
         return reading
 
     def note(self, text: str) -> None:
-        """Keep what was done beside readings."""
+        """Record an action beside readings."""
         self.notes.append(text)
         files.write_toml(self.path / "capture.toml", {"schema": SCHEMA, "note": self.notes})
 
@@ -147,10 +147,10 @@ class CaptureFolder:
 def open_folder(
     path: Path, rig: Rig, channels: tuple[str, ...], passage: int, *, planned: Path, beside: Mapping[str, bytes]
 ) -> CaptureFolder:
-    """A new folder for the poses planned, or the folder of a capture of the same rig and poses that goes on; planned poses that it has not
-    are joined to its own.
+    """Return a new folder for the planned poses, or that of a capture of the same rig and poses, which continues; new planned poses are
+    added.
 
-    OverwriteError for a folder of something else, AcquisitionError for another rig, FileFormatError for poses that contradict its own.
+    OverwriteError for any other folder, AcquisitionError for another rig, FileFormatError for poses that contradict its own.
     """
     path = Path(path)
     folder = CaptureFolder(path, rig, channels, passage)

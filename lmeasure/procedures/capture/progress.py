@@ -36,8 +36,8 @@ POSES_TRIED = 64
 
 @dataclass(frozen=True)
 class Worth:
-    """Value of readings: how many of the unknowns' directions, the 95 % uncertainty of a length over the poses' box [mm], its root mean
-    square and largest with the cable, and the largest 95 % radius of a position there [mm], None where the cables tell no pose."""
+    """Value of readings: number of determined parameter combinations, the 95 % uncertainty of a length over the poses' box [mm], its root
+    mean square and largest with the cable, and the largest U95 of a position there [mm], None if the cables determine no pose."""
 
     rank: int
     unknowns: int
@@ -50,7 +50,8 @@ class Worth:
     """Poses that have as many equations as there are unknowns."""
 
     def enough(self, poses: int) -> bool:
-        """Whether so many poses can determine what is solved for: before, the figures are little but the rig's own uncertainties."""
+        """Return whether so many poses can determine the solved parameters; with fewer, the figures are little but the rig's own
+        uncertainties."""
         return poses >= self.least
 
 
@@ -107,7 +108,8 @@ class Forecast:
         return float(radii_95(np.linalg.inv(normal[good])[:, 3:, 3:]).max()) if good.any() else None
 
     def expected(self, campaign: Campaign, pose: Poses, counts: FloatArray) -> Expected | None:
-        """Counts k (1, m) at one pose more, held against what the campaign so far, or the rig alone, expects; None where nothing can be."""
+        """Compare counts k (1, m) at a further pose with those expected from the campaign so far, or the rig alone; None without an
+        expectation."""
         try:
             unknowns = self._instrument.unknowns
             theta, covariance = unknowns.nominal, np.diag(unknowns.width**2)
@@ -132,8 +134,7 @@ def region_of(poses: Poses) -> Region:
 
 
 class Progress:
-    """Progress of the pass that a folder captures; say takes lines for a person. worth: of the readings, None where nothing can be said of
-    it."""
+    """Progress of the pass that a folder captures; say prints lines. worth: value of the readings, None if it is unknown."""
 
     def __init__(self, folder: CaptureFolder, say: Callable[[str], None]) -> None:
         self._folder, self._say = folder, say
@@ -141,7 +142,7 @@ class Progress:
         self._forecast: Forecast | None = None
         self.worth: Worth | None = None
         self.history: list[tuple[int, Worth]] = []
-        """After how many readings what they were worth."""
+        """Number of readings and their value then."""
 
     @property
     def of_all(self) -> Worth | None:
@@ -163,7 +164,7 @@ class Progress:
             self._say(message("capture.no_forecast", error=error))
 
     def _remember(self, forecast: Forecast, campaign: Campaign) -> None:
-        """The worth by now behind that of fewer readings, all of which a session that goes on does not know yet."""
+        """Record the value now behind that of fewer readings, which a continued session does not know yet."""
         readings = len(self._folder.of_pass)
         self.history = [(count, worth) for count, worth in self.history if count < readings]
         if not self.history and campaign.counted is not None:
@@ -177,14 +178,14 @@ class Progress:
             self.history.append((readings, self.worth))
 
     def expected(self, pose: str, mean: FloatArray) -> Expected | None:
-        """Recorded counts (m,) held against what is expected at a pose; None where nothing tells it yet."""
+        """Compare recorded counts (m,) with those expected at a pose; None without an expectation."""
         if self._forecast is None or self._campaign is None:
             return None
         poses = self._folder.poses
         return self._forecast.expected(self._campaign, poses.of(np.array([poses.names.index(pose)])), self._true_counts(mean)[None, :])
 
     def _read_campaign(self) -> Campaign | None:
-        """Return what the calibration will find in the folder, of this pass."""
+        """Return the campaign of this pass that the calibration will find in the folder."""
         folder = self._folder
         readings, poses = folder.of_pass, folder.poses
         if not readings or not poses.oriented:

@@ -1,4 +1,4 @@
-"""Whether the robot stands still, found by its counts as they come, and the samples of the rest it is in."""
+"""Detection of the robot's rests in its incoming counts, and the samples of the present rest."""
 
 import math
 from collections import deque
@@ -13,11 +13,11 @@ from lmeasure.rig import Rig
 from lmeasure.text import message
 
 STILL_MM = 0.1
-"""By which no cable's length changes while the robot stands still: half of what a run's rests are given by, for here a mean is wanted."""
+"""Largest change of a cable's length while the robot rests: half of that of a run's rests, since here a mean is wanted."""
 STILL_DEG = 0.01
 """The same of angles."""
 STILL_COUNTS = 5.0
-"""At least: a counter at the edge of a count goes to and fro, and so does one that trembles."""
+"""Least such change in counts: a counter at the edge of a count, or one that trembles, goes to and fro."""
 SILENT_S = 0.5
 LONGEST_S = 60.0
 LEAP = 20.0
@@ -25,16 +25,16 @@ LEAP = 20.0
 TOGETHER = 0.5
 """Part of the channels that leap at once at most; if more do, the robot moved between two samples."""
 PART_UNSEEN = 0.25
-"""Of a dwell that is read: without samples for longer it is not, unless UNSEEN median intervals are longer."""
+"""Part of a dwell without samples above which it is not read, unless UNSEEN median intervals are longer."""
 UNSEEN = 2.5
 NEWEST = 200
 """Samples from which a median interval is taken."""
 HOLE = 1.5
-"""Median intervals: farther apart, samples do not tell a leap."""
+"""Median intervals between samples above which a jump cannot be detected."""
 
 
 def still_counts(rig: Rig, channels: tuple[str, ...], passage: int) -> FloatArray:
-    """(m,) recorded counts by which channels change at most while the robot stands still."""
+    """Return (m,) recorded counts by which channels change at most while the robot rests."""
     known = [rig.counters_of(passage)[c] for c in channels]
     still = [(STILL_MM if c.is_length else math.radians(STILL_DEG)) * c.scale / c.per_count for c in known]
     return np.maximum(np.array(still), STILL_COUNTS)
@@ -109,9 +109,8 @@ class _Rows:
 class Rest:
     """The rest that the newest samples belong to: their times (n,) and counts (n, m), none while the robot moves.
 
-    band (m,): counts by which channels change within a rest at most; modulus (m,): see `moduli`, counts here go on from the first ones
-    seen. Of a long one only the last `LONGEST_S` are kept; since_s is when it
-    began. Time is that of the samples, whenever they come.
+    band (m,): counts by which channels change within a rest at most; modulus (m,): see `moduli`, counts here continue from the first ones.
+    Only the last `LONGEST_S` of a long rest are kept; since_s is its beginning. Time is that of the samples, whenever they come.
     """
 
     def __init__(self, channels: tuple[str, ...], band: FloatArray, modulus: FloatArray) -> None:
@@ -125,7 +124,7 @@ class Rest:
         self._leaps: list[Leap] = []
 
     def add(self, samples: Samples) -> None:
-        """The next samples; what is not of the rest that they end in is let go."""
+        """Add the next samples; those before the rest that they end in are dropped."""
         if not len(samples.time_s):
             return
         samples = Samples(samples.time_s, self._gone_on.of(samples.recorded[:, : len(self.channels)]))
@@ -147,7 +146,7 @@ class Rest:
         self._rows.begin(self._pieces[0].first)
 
     def _let_go_of_motion(self) -> None:
-        """Keep the newest samples within the band. An empty cell neither moves nor stands."""
+        """Keep the newest samples within the band. An empty cell neither moves nor rests."""
         pieces = list(self._pieces)[::-1]
         # extremes of all that is behind a sample only grow backwards: the first piece that leaves the band is looked at by samples
         least = np.fmin.accumulate([p.least for p in pieces])
@@ -205,11 +204,11 @@ class Rest:
 
     @property
     def lasts_s(self) -> float:
-        """For how long the robot has been still [s]."""
+        """Return the duration of the robot's rest [s]."""
         return float(self.now_s - self.since_s) if len(self.time_s) else 0.0
 
     def seen_throughout(self, seconds: float) -> bool:
-        """Whether samples came all along the last seconds of the rest: in a hole the robot may have been elsewhere."""
+        """Return whether samples came throughout the last seconds of the rest: in a hole the robot may have been elsewhere."""
         intervals = np.diff(self.time_s[-NEWEST:])
         if not len(intervals):
             return False
@@ -218,7 +217,7 @@ class Rest:
 
     @property
     def silent(self) -> tuple[str, ...]:
-        """Channels of which no count came for `SILENT_S`."""
+        """Return channels without a count for `SILENT_S`."""
         since = np.maximum(self._seen_s, self.begun_s)
         return tuple(c for c, s in zip(self.channels, since, strict=True) if self.now_s - s > SILENT_S)
 
@@ -238,13 +237,13 @@ ALLOWED = 3.0
 """Standard uncertainties of the difference of two means."""
 LOST_COUNTS = 3.0
 LOST_MM = 0.1
-"""Beyond both nothing but lost counts, a cable that slipped, or another pose is meant: the second is what robots drift by."""
+"""Beyond both limits counts were lost, a cable slipped, or it is another pose; the second is the usual drift of robots."""
 
 
 @dataclass(frozen=True)
 class Return:
-    """Channels by what they came back to: counts less those at first, what rounding (and the robot's stated repeatability) allows, and in
-    mm; lost: those that neither rounding nor a robot's drift explains."""
+    """Return to a pose by channels: counts minus those at first, the tolerance of rounding and of the robot's stated repeatability, and in
+    mm; lost: channels that neither rounding nor a robot's drift explains."""
 
     channels: tuple[str, ...]
     counts: FloatArray
@@ -263,7 +262,6 @@ class Return:
         return tuple(c for c, is_far in zip(self.channels, far, strict=True) if is_far)
 
     def lines(self) -> list[str]:
-        """For a person."""
         reported = dict(zip(self.channels, zip(self.counts, self.mm, strict=True), strict=True))
         shown = "  ".join(f"{c} {counts:+.1f}" for c, (counts, _) in reported.items())
         lines: list[str] = [message("capture.back_first_pose_counts", shown=shown)]

@@ -22,7 +22,7 @@ from lmeasure.text import composed, joined, message
 
 SURPRISED = 5.0
 SURPRISED_MM = 2.0
-"""Standard uncertainties, and mm at least, by which counts are off what is expected before a pose is doubted."""
+"""Standard uncertainties, and least mm, of a deviation from the expected counts before a pose is doubted."""
 IN_A_LINE = 3
 
 
@@ -38,7 +38,7 @@ def pose_line(poses: Poses, name: str, angles: str) -> str:
 
 
 def reading_lines(reading: Reading, channels: tuple[str, ...], u: FloatArray) -> list[str]:
-    """Return what was counted: means with their standard uncertainties u (m,) [counts]."""
+    """Return the counts: means with their standard uncertainties u (m,) [counts]."""
     lasts = reading.time_s[-1] - reading.time_s[0]
     lines = [message("capture.read_counts_each_channel", count=len(reading.counts), lasts=lasts, v3=reading.spread.max())]
     reported = [f"{c} {mean:.2f} (u {err:.2f})" for c, mean, err in zip(channels, reading.mean, u, strict=True)]
@@ -66,7 +66,7 @@ def _missing(recorded: FloatArray, channels: tuple[str, ...]) -> str:
 
 
 def surprising(expected: Expected) -> BoolArray:
-    """(m,) whether lengths are off what is expected."""
+    """Return (m,) whether lengths differ from the expected ones."""
     return np.abs(expected.off_mm) > np.maximum(SURPRISED * expected.u_mm, SURPRISED_MM)
 
 
@@ -78,7 +78,7 @@ def surprise(expected: Expected) -> str:
 
 
 def expected_line(expected: Expected) -> str:
-    """Return how the counts agree with what was expected of them."""
+    """Return the agreement of the counts with the expected ones."""
     if surprising(expected).any():
         return message("capture.unexpected", what=surprise(expected))
     j = int(np.argmax(np.abs(expected.off_mm)))
@@ -87,15 +87,15 @@ def expected_line(expected: Expected) -> str:
 
 KEPT_COUNTS = 3.0
 KEPT_MM = 0.1
-"""By which counters differ at most at a pose read before, when they have kept their counts; the second is what robots drift by."""
+"""Largest differences of counters at an earlier pose without lost counts; the second is the usual drift of robots."""
 REPORTED = 0.5
-"""Part of the channels that may be off a pose for the others to tell which it is."""
+"""Part of the channels that may differ at a pose while the others still identify it."""
 
 
 @dataclass
 class Trust:
-    """In the counters of a session. resumed: whether readings were there when it began, and have not been seen again; doubts: channels
-    that something happened to since, and what."""
+    """Trust in the counters of a session. resumed: whether earlier readings have not been confirmed yet; doubts: channels with a doubtful
+    count, and the reason."""
 
     rig: Rig
     channels: tuple[str, ...]
@@ -105,7 +105,7 @@ class Trust:
 
     @property
     def whole(self) -> bool:
-        """Whether nothing is to be said against the counters."""
+        """Return whether the counters are trusted."""
         return not self.resumed and not self.doubts
 
     @property
@@ -116,11 +116,11 @@ class Trust:
         )
 
     def restore(self) -> None:
-        """From here on they are believed."""
+        """Trust the counters from here on."""
         self.resumed, self.doubts = False, {}
 
     def held_against(self, mean: FloatArray, readings: list[Reading]) -> tuple[str, str]:
-        """Mean counts (m,) of a rest against what was read: the pose at which they are the same, and why not where it is none."""
+        """Compare mean counts (m,) of a rest with the readings: return the pose with the same counts, or the reason why there is none."""
         mm = lengths_of_counts(self.rig, self.channels, self.passage)
         limit = np.where(mm > 0.0, np.maximum(KEPT_COUNTS, KEPT_MM / np.where(mm > 0.0, mm, 1.0)), KEPT_COUNTS)
         off = folded(np.array([mean - r.mean for r in readings]), moduli(self.rig, self.channels, self.passage))
@@ -141,12 +141,12 @@ By = Literal["key", "rest", "both"]
 AWAY = 4.0
 """Bands of a rest that the robot moves at least between two readings taken by themselves."""
 WHOLE_PART = 0.5
-"""Of a dwell's samples that must have all channels."""
+"""Part of a dwell's samples that must have all channels."""
 MOVES_S = 0.1
 """A rest is no rest before that."""
 IDLE_S = 1.0
 LATE_S = 2.0
-"""By which what is typed and the counts may be apart."""
+"""Longest delay between typed keys and the counts."""
 PIECE_S = 0.05
 LOSSES = {"jump": "capture.loss.jump", "reset": "capture.loss.reset", "lost_wrap": "capture.loss.silent", "stall": "capture.loss.stall"}
 """Faults of a recording after which a channel's count is not believed."""
@@ -156,8 +156,8 @@ ORIGIN_LOST = ("reset", "lost_wrap")
 
 @dataclass(frozen=True)
 class Settings:
-    """Way of taking readings: by a key, by a rest or by both; seconds of a dwell, and how long the robot must have stood
-    before it; whether the first pose is read again at the end."""
+    """How to take readings: by a key, by a rest or by both; seconds of a dwell, and of the rest before it; whether the first pose is read
+    again at the end."""
 
     by: By = "both"
     dwell_s: float = 1.0
@@ -166,7 +166,7 @@ class Settings:
 
 
 class Session:
-    """Goes through the poses of a folder. say takes lines for a person."""
+    """Session through the poses of a folder. say prints lines."""
 
     def __init__(self, folder: CaptureFolder, settings: Settings, say: Callable[[str], None]) -> None:
         self.folder, self.settings, self._say = folder, settings, say
@@ -192,7 +192,7 @@ class Session:
 
     @property
     def idle(self) -> bool:
-        """Whether no counts have come for so long that somebody must look."""
+        """Return whether no counts have come for so long that the user must look."""
         return self._idle
 
     @property
@@ -207,13 +207,13 @@ class Session:
 
     @property
     def worth(self) -> Worth | None:
-        """Return the worth of the readings so far; None where nothing can be said of it."""
+        """Return the value of the readings so far; None if it is unknown."""
         return self.progress.worth
 
     # --- what comes in ---
 
     def feed(self, samples: Samples) -> None:
-        """The samples of the recording, in their order; they are looked at when `look` tells what was wrong with them."""
+        """Take the samples of the recording, in their order; they are used after `look` has checked them."""
         self._pending.append(samples)
 
     def command(self, line: str, waited_s: float = 0.0) -> None:
@@ -242,8 +242,8 @@ class Session:
             self._say(message("capture.no_command", strip=line.strip(), help=message("capture.help")))
 
     def look(self, events: Sequence[Event], idle_s: float = 0.0, behind_s: float = 0.0) -> None:
-        """Decide on what has come; events are all faults of the recording so far, idle_s is since when no sample came [s], behind_s how old
-        the newest sample is where more wait [s]."""
+        """Decide on the new samples; events are all faults of the recording so far, idle_s the time since the last sample [s], behind_s the
+        age of the newest sample if more wait [s]."""
         self._note_faults(events)
         if behind_s > LATE_S >= self.behind_s:
             self._say(message("capture.behind", seconds=behind_s))
@@ -263,7 +263,7 @@ class Session:
         self._decide()
 
     def _decide(self) -> None:
-        """At the newest sample that is looked at."""
+        """Decide at the newest checked sample."""
         if self.finished or self.goal is None:
             return
         still = self.rest.lasts_s >= self.settings.settle_s + self.settings.dwell_s and not self._idle
@@ -351,7 +351,7 @@ class Session:
 
     @property
     def doubt(self) -> str:
-        """Return what keeps counts from being believed, or from coming; empty where nothing does."""
+        """Return the reason why counts are not trusted, or do not come; empty without one."""
         if self._idle:
             return message("capture.no_counts_come_from_bus")
         if self.lost:
@@ -365,7 +365,7 @@ class Session:
         )
 
     def _unfit(self) -> str:
-        """Why no reading can be taken whatever the robot does; empty where it can."""
+        """Return why no reading can be taken whatever the robot does; empty if it can."""
         if self.doubt or not self.folder.of_pass:
             return self.doubt
         if self.goal == self.folder.of_pass[-1].pose:
@@ -373,11 +373,12 @@ class Session:
         return ""
 
     def _is_due(self) -> bool:
-        """Whether the rest is whole, and somebody or the rest itself wants the reading."""
+        """Return whether the rest is complete, and the user or the rest itself wants the reading."""
         return self.rest.seen_throughout(self.settings.dwell_s) and (self._wanted or (self._may_read_by_itself() and not self._lacking()))
 
     def _lacking(self) -> str:
-        """Why too many counts are missing in the dwell; said once of a rest, which is read as soon as its last seconds are whole."""
+        """Return why too many counts are missing in the dwell, reported once per rest, which is read as soon as its last seconds are
+        complete."""
         why = "" if self._unfit() else _missing(self.rest.last(self.settings.dwell_s).recorded, self.folder.channels)
         if why and not self._lacking_s >= self.rest.since_s:
             self._lacking_s = self.rest.now_s
@@ -385,14 +386,14 @@ class Session:
         return why
 
     def _away_from_last(self) -> bool:
-        """Whether this rest is elsewhere than the last reading, and nothing was said of it yet."""
+        """Return whether this rest is elsewhere than the last reading, and not yet reported."""
         if not self.folder.of_pass or self.rest.silent:
             return True
         off = np.abs(folded(self.rest.middle - self.folder.of_pass[-1].mean, self.folder.modulus))
         return self._held_s < self.rest.since_s and not bool((off <= AWAY * self._band).all())
 
     def _may_read_by_itself(self) -> bool:
-        """Whether a rest alone is reason enough: a new one, where the pose is expected."""
+        """Return whether a rest alone is enough for a reading: a new one, at the expected pose."""
         if self.settings.by == "key":
             return False
         why = self._unfit()
@@ -415,7 +416,7 @@ class Session:
         return False
 
     def _read(self) -> None:
-        """Take the reading that the rest gives, or say why not."""
+        """Take the reading of the rest, or report why not."""
         assert self.goal is not None
         self._wanted = False
         dwell = self.rest.last(self.settings.dwell_s)
@@ -450,7 +451,7 @@ class Session:
             self._say(line)
 
     def _hold_against_readings(self) -> None:
-        """Whether the counters stand, at this rest, as they did at a pose that has been read."""
+        """Compare the counters at this rest with those of an earlier pose."""
         dwell = self.rest.last(self.settings.dwell_s).recorded
         if self._held_s >= self.rest.since_s or not (self.rest.silent or np.isfinite(dwell).any(axis=0).all()):
             return
@@ -523,7 +524,7 @@ class Session:
         self._say(message("capture.back_to_first", pose=pose) if self.returns else pose)
 
     def line(self) -> str:
-        """The state of things in one line."""
+        """Return the state in one line."""
         if self._idle:
             state = message("acquisition.no_counts")
         elif self.behind_s > LATE_S:
@@ -548,7 +549,7 @@ class Session:
 
     @property
     def returns(self) -> bool:
-        """Whether the pose that is wanted is the first one once more."""
+        """Return whether the wanted pose is the first one again."""
         readings = self.folder.of_pass
         return len(readings) > 1 and self.goal == readings[0].pose
 

@@ -1,4 +1,4 @@
-"""Where a session stands, as plain values: for pages and other programs."""
+"""State of a session as plain values: for pages and other programs."""
 
 import math
 from typing import Any
@@ -15,9 +15,9 @@ MOVES_S = 0.1
 
 
 def state_of(session: Session) -> dict[str, Any]:
-    """The pose that is wanted, as it is typed into the controller; whether the robot stands, and for how long of how long it must; counts;
-    poses with what became of them; readings with standard uncertainties [counts]; what they are worth (95 %, mm), after each of them, and
-    what all poses promise."""
+    """Return the wanted pose, in the form for the controller; whether the robot rests, its time and the required time; counts; poses with
+    their results; readings with standard uncertainties [counts]; their value (95 %, mm), after each of them, and the expected value of all
+    poses."""
     folder, rest = session.folder, session.rest
     newest = rest.counts[-1] if len(rest.counts) else np.full(len(folder.channels), np.nan)
     wanted = session.settings.settle_s + session.settings.dwell_s

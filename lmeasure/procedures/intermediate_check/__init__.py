@@ -1,4 +1,5 @@
-"""The interim check of an instrument between two calibrations: what must close and does, within what is stated, and what has moved if not.
+"""The intermediate check of an instrument between two calibrations: closures within their stated uncertainties, or else the part that has
+moved.
 
-`check_instrument` takes a run of minutes in which the robot goes to some places, comes back to them and ends where it began.
+`check_instrument` takes a run of minutes in which the robot goes to some positions, returns to them and ends at the first one.
 """

@@ -29,9 +29,9 @@ from lmeasure.trajectory import (
 )
 
 ASSUMED_MM = 0.05
-"""Standard deviation per axis with which a robot comes back, where nobody states it: an industrial robot's."""
+"""Standard deviation per axis of a robot's return, by default: that of an industrial robot."""
 FAR_MM = 50.0
-"""Who is at the machine sees a part that has moved so far."""
+"""Motion of a part that a user at the machine would see."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class Limits:
 
 @dataclass(frozen=True, repr=False)
 class Checked(Shown):
-    """stops and closures of a run, what its channels say of each other (None where none is redundant); limit: the probability under which
-    one of them fails, so that all together fail by chance as seldom as asked; notes: keys of what the reader must know (`said`)."""
+    """Stops and closures of a run, agreement of its channels (None without redundancy); limit: the probability under which one of them
+    fails, so that all together have the chosen rate of false alarms; notes: keys of remarks (`said`)."""
 
     rig: str
     stops: Stops
@@ -63,13 +63,13 @@ class Checked(Shown):
 
     @property
     def disagrees(self) -> bool:
-        """Whether the channels contradict each other more than chance lets them."""
+        """Return whether the channels contradict each other beyond chance."""
         return self.agreement is not None and self.agreement.probability < self.limit
 
     @property
     def astray_mm(self) -> float:
-        """By how much the run does not fit, where that is farther than parts of a rig move unseen, 0 where it is not: the run is of
-        something else. A start that is given to be elsewhere is no riddle."""
+        """Return the misfit of the run if it is larger than parts of a rig move unseen, else 0: the run is of something else. A start
+        stated elsewhere explains itself."""
         off = max((abs(c.value_mm) for c in self.failed), default=0.0)
         if self.causes:
             off = min(c.size if c.unit == "mm" and c.kind != "start" else 0.0 for c in self.causes)
@@ -77,12 +77,11 @@ class Checked(Shown):
 
     @property
     def passed(self) -> bool:
-        """Whether nothing failed."""
         return not self.failed and not self.disagrees
 
     @property
     def causes(self) -> tuple[Cause, ...]:
-        """Return what may have changed, one where the data tell it."""
+        """Return possible changes, only one if the data determine it."""
         return self.agreement.named if self.agreement is not None and self.disagrees else ()
 
     def about(self) -> dict[str, str]:
@@ -95,8 +94,8 @@ class Checked(Shown):
 
 
 def check_instrument(run: Run, distances: Sequence[Distance] = (), limits: Limits | None = None) -> Checked:
-    """Check an instrument by a run of it, which begins where it says or where absolute encoders tell. TrajectoryError where neither is so,
-    of too few stops, or names that are none of its places; raises what `prepare` raises."""
+    """Check an instrument by a run, whose start is stated or known from absolute encoders. TrajectoryError without a start, for too few
+    stops, or for unknown names of positions; raises the errors of `prepare`."""
     limits = limits or Limits()
     aligned = align(run)
     reconstruction = _reconstruction(run, aligned)

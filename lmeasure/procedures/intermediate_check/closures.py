@@ -1,8 +1,8 @@
 """Closures of a check: their sizes, and those expected from the calibration, the counts and the robot.
 
-Two visits of one place differ by what their counts were rounded, by what the robot comes back to otherwise, and by errors that act
-otherwise at the two, of which calibration, phase and start are none: the covariance of the difference of poses i and j is
-O_i O_i' + O_j O_j' + (F_i - F_j)(F_i - F_j)' + twice the robot's, with O and F of `trajectory.pose_covariances.PoseCovariances`.
+Two visits of one position differ by the rounding of their counts, by the robot's repeatability, and by errors that act differently at the
+two (calibration, offset at zeroing and start cancel): the covariance of the difference of poses i and j is O_i O_i' + O_j O_j' + (F_i -
+F_j)(F_i - F_j)' + twice the robot's, with O and F of `trajectory.pose_covariances.PoseCovariances`.
 """
 
 from collections.abc import Sequence
@@ -20,19 +20,19 @@ from lmeasure.text import message
 from lmeasure.trajectory import SETTLED, VISIT_LAG_S, Budget, PoseCovariances, RestFinder
 
 BETWEEN = 60
-"""Samples between two stops by which the tool is followed from one to the next."""
+"""Samples between two stops at which the tool is followed."""
 STEPS = 40
 SMALL_MM = 1e-9
 SIZE_MM = 100.0
-"""By which a turn is held against a shift, of a tool."""
+"""Lever arm that makes a turn of the tool comparable with a shift."""
 TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
 class Stops:
-    """N stops in order of time: begin_s, end_s (N,); place (N,) of which each is a visit, from 0 in order of their first visits; readings
-    (N, m) and true counts (N, m) of all channels, NaN where one was not read; poses (N, 7); travel (N, m): which way each cable came, 1
-    paying out, -1 winding in."""
+    """N stops in order of time: begin_s, end_s (N,); place (N,): index of its position, from 0 in order of first visits; readings (N, m)
+    and true counts (N, m) of all channels, NaN where one was not read; poses (N, 7); travel (N, m): direction of each cable's last motion,
+    1 paying out, -1 winding in."""
 
     begin_s: FloatArray
     end_s: FloatArray
@@ -56,10 +56,10 @@ class Stops:
 
 
 def find_stops(budget: Budget, lengths: Lengths, source: str, near_mm: float, *, zero: FloatArray | None = None) -> Stops:
-    """The stops of a run from its lengths; two are of one place where the tool's origin and its turn differ by less than near_mm, a turn
-    at `SIZE_MM`. zero (m,): what of a span readings do not show, where that is not what there was at the start.
+    """Return the stops of a run from its lengths. Two are at one position if the tool's origin and its turn differ by less than near_mm, a
+    turn at `SIZE_MM`. zero (m,): part of a span that readings do not show, if it differs from that at the start.
 
-    TrajectoryError where the run stands still less than twice, or no pose has its readings.
+    TrajectoryError if the run has fewer than two rests, or no pose has its readings.
     """
     rig = budget.rig
     finder = RestFinder()
@@ -139,8 +139,8 @@ GAUSS_95 = 1.959963984540054
 
 @dataclass(frozen=True)
 class Closure:
-    """kind: return, revisit, reversal, drift, distance; name: of what; value and u95 [mm]: how far it does not close, and how far it may
-    with 95 %; probability of as much or more if all is as stated."""
+    """kind: return, revisit, reversal, drift, distance; name: of its position; value and u95 [mm]: the closure error, and its 95 % limit;
+    probability of as much or more if all is as stated."""
 
     kind: str
     name: str

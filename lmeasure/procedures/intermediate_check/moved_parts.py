@@ -1,18 +1,17 @@
-"""Whether the channels of a check agree with each other, and what has moved since the calibration if they do not.
+"""Agreement of the channels of a check, and parts moved since the calibration if they disagree.
 
-Parities y of all stops, what no pose of the tool makes (`trajectory.faults.redundancy`), have the covariance V of whole counts and of all
-that the calibration leaves uncertain, one draw for the whole run. y' V^-1 y is chi-squared while the rig is what it was. A cause (an
-observation point that moved, an encoder that slipped on its pulley, a drum whose count is of another length, a start that is not where it
-is said) makes y = A d more, and takes A (A' V^-1 A)^-1 A' V^-1 y of chi-squared away, with as many degrees of freedom as d has (Baarda
-1968). It is named where no other comes near: their remaining chi-squared, with twice their degrees of freedom on top (Akaike), must be more
-by `APART`.
+Parities y of all stops, combinations that no pose of the tool changes (`trajectory.faults.redundancy`), have the covariance V of whole
+counts and of all that the calibration leaves uncertain, one draw for the whole run. y' V^-1 y is chi-squared while the rig is what it was.
+A cause (an observation point that moved, an encoder that slipped on its pulley, a drum whose count is of another length, a wrong start)
+adds y = A d, and removes A (A' V^-1 A)^-1 A' V^-1 y of chi-squared, with the degrees of freedom of d (Baarda 1968). It is named if no other
+comes near: their remaining chi-squared, with twice their degrees of freedom on top (Akaike), must be more by `APART`.
 
-The contradictions of some samples, as far from each other as can be, are whitened together by all that they are expected to err by
-(`moved.Together`: roundings, calibration, origins; of a rig that links no calibration its places and guides within their priors too).
-Laws of effects (`calibration.solve.effect_candidates`) and of what may have moved compete for them by F tests. One is named where chance,
-times their number (Bonferroni), is under `CHANCE`; those within odds of a hundred are named with it; then what the rest leave. Nothing is
-named where a channel that reads otherwise from some sample on does as well, for then it slipped or lost counts, or where what is left in
-the end contradicts itself still: then none of them is an explanation.
+The contradictions of some samples, as far from each other as can be, are whitened together by all their expected errors (`moved.Together`:
+roundings, calibration, origins; for a rig without a calibration also its points and guides within their priors). Laws of effects
+(`calibration.solve.effect_candidates`) and of moved parts compete for them by F tests. One is named if chance, times their number
+(Bonferroni), is under `CHANCE`; those within odds of a hundred are named with it; then the remainder is tried. Nothing is named if a
+channel that reads differently from some sample on explains as much: then it slipped or lost counts. Nor is anything named if the final
+remainder still contradicts itself.
 """
 
 import math
@@ -39,9 +38,9 @@ POWER = 0.8
 
 @dataclass(frozen=True)
 class Cause:
-    """Possible change: kind (point, attachment, encoder, drum, start), name, size of the change and its standard uncertainty in unit;
-    rest: chi-squared that it leaves, with twice its degrees of freedom; detectable: the size that would be seen with `POWER`, the mean
-    over directions; untold: whether the stops do not tell it."""
+    """Possible change: kind (point, attachment, encoder, drum, start), name, size of the change and its standard uncertainty in unit; rest:
+    remaining chi-squared, with twice its degrees of freedom; detectable: the size that would be detected with `POWER`, the mean over
+    directions; untold: whether the stops do not determine it."""
 
     kind: str
     name: str
@@ -65,7 +64,7 @@ class Verdict:
 
 
 def agreement(reconstruction: Reconstruction, stops: Stops, alarm: float) -> Verdict | None:
-    """Return what the stops say with the given rate of false alarms; None where there are no more channels than unknowns."""
+    """Return the agreement of the stops with the given rate of false alarms; None without redundant channels."""
     # what the run determined of its origins is not compared with the run: they are uncertain as they were before
     readings = stops.readings + reconstruction.budget.offsets(stops.begin_s)
     reconstruction = reconstruction.with_estimate(None)
@@ -125,11 +124,11 @@ class Together:
         return Remainder(S.T @ S, self._residual.ravel(), self.freedom)
 
     def columns(self, errors: FloatArray) -> FloatArray:
-        """(n m, q) what errors (n, m, q) of the readings [mm, rad] add to them."""
+        """Return (n m, q) effects on the readings of errors (n, m, q) [mm, rad]."""
         return np.asarray((errors / self._unit[:, None]).reshape(-1, errors.shape[2]))
 
     def whitened(self, errors: FloatArray) -> FloatArray:
-        """(f, q) what errors (n, m, q) of the readings [mm, rad] add to y."""
+        """Return (f, q) effects on y of errors (n, m, q) of the readings [mm, rad]."""
         return np.asarray(scipy.linalg.solve_triangular(self._L, self.seen(errors), lower=True))
 
     def seen(self, errors: FloatArray) -> FloatArray:
@@ -138,7 +137,7 @@ class Together:
         return np.concatenate([b.T @ e for b, e in zip(self._basis, scaled, strict=True)])
 
     def causes(self, alarm: float) -> Iterator[Cause]:
-        """Each thing that may have changed, alone, of which the stops tell anything."""
+        """Yield each possible change, alone, that the stops determine."""
         for kind, name, unit, factor, errors in self.errors():
             A = self.whitened(errors)
             U, s, Vt = np.linalg.svd(A, full_matrices=False)
@@ -191,7 +190,7 @@ def _noncentrality(alarm: float, freedom: int) -> float:
 
 SAMPLES = 40
 LEFT = 1e-4
-"""Probability of what the named laws leave, under which they do not explain it."""
+"""Probability of the remainder under which the named laws do not explain it."""
 FEW = 8
 """Samples with a pose from which something is named."""
 LAWS = {
@@ -210,12 +209,12 @@ LAWS = {
     "encoder": "moved.encoder",
     "start": "moved.start",
 }
-"""The catalogues' name of each kind: of an effect by the id of its message, of what may have moved by its word."""
+"""Names of kinds in the catalogues: of an effect by the id of its message, of a moved part by its word."""
 
 
 def explained(reconstruction: Reconstruction) -> tuple[Message, ...]:
-    """What is to be said of a run that is prepared: nothing where it has one channel for each unknown, several passes, a part of the motion
-    held, or temperature, stretch and sag to be taken off."""
+    """Report on a prepared run; empty without redundant channels, with several passes or a fixed part of the motion, or with temperature,
+    stretch and sag to be corrected."""
     model, samples = reconstruction.model, reconstruction.samples
     rig, free = model.rig, len(model.scheme.free)
     if samples is None or model.correction is not None or rig.passes > 1 or free < len(FREEDOMS):

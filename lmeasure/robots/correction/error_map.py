@@ -1,16 +1,16 @@
 """Errors of a robot between the poses at which they were measured, without a model of it: universal kriging of scattered points.
 
-Each component of an error is an affine function of the place, which takes up how the robot stands and how it is scaled, plus a Gaussian
-process of Matern's covariance with nu = 5/2 (Stein, Interpolation of Spatial Data, 1999), plus noise. Poses are as far from each other as
-their places in parts of one length and their rotation matrices in parts of an angle (their chord, |R - R'| / sqrt 2, is the angle for
-small ones; a Euclidean distance, so that the covariance is one). Length, angle and the noise's share are those of the largest restricted
-likelihood (Patterson and Thompson, Biometrika 58, 1971), in common for the three components; each has its own size. What leaving out each
-point in turn gives (Dubrule, Math. Geology 15, 1983, in closed form), and folds that are tuned anew, widen what is stated where it was too
-little.
+Each component of an error is an affine function of the position, which covers the robot's base and its scale, plus a Gaussian process of
+Matern's covariance with nu = 5/2 (Stein, Interpolation of Spatial Data, 1999), plus noise. Poses are as far from each other as their places
+in parts of one length and their rotation matrices in parts of an angle (their chord, |R - R'| / sqrt 2, is the angle for small ones; a
+Euclidean distance, so that the covariance is one). Length, angle and the noise's share are those of the largest restricted likelihood
+(Patterson and Thompson, Biometrika 58, 1971), in common for the three components; each has its own size. Stated uncertainties are widened
+if predictions of each point from the others (Dubrule, Math. Geology 15, 1983, in closed form), or of newly tuned folds, show them too
+small.
 
 A controller knows the nominal robot. Commanded to a pose, it goes to joint values q with nominal(q) = pose, and the real flange is at
 found(q). Corrected joint values q* solve found(q*) = nominal(q) by Newton's method from q, which stays on q's branch; the pose that makes
-the controller go to them is nominal(q*). What is left is how well the robot is known and how well it repeats.
+the controller go to them is nominal(q*). The remaining error is that of the robot's model and its repeatability.
 """
 
 import itertools
@@ -35,14 +35,14 @@ from lmeasure.text import message
 LEAST, MOST = 40, 4000
 """Points of a map: of fewer its stated radii hold too little (77 % at 30 of a real arm), more take too long."""
 TURN_RAD = math.radians(5.0)
-"""By which an orientation may differ from the nearest that was measured."""
+"""Largest difference of an orientation from the nearest measured one."""
 FLAT = 1e-3
-"""Of the largest extent: a direction in which places differ less is none of the region's."""
+"""Part of the largest extent below which a direction is not one of the region."""
 FOLDS = 5
 STARTS = [[0.5, 1e-2, 0.5], [0.2, 0.3, 2.0], [5.0, 1e-4, 5.0]]
 """Length in parts of the extent, noise's share and angle from which the largest likelihood is looked for."""
 TUNED = 300
-"""Points, drawn from all, by which length, angle and noise are found where there are more."""
+"""Most points, drawn from all, for the search of length, angle and noise."""
 NUGGET = 1e-10
 SPREAD = (1e-6, 1e3)
 """Least and largest of the noise's variance in parts of the process's."""
@@ -51,8 +51,8 @@ SPREAD = (1e-6, 1e3)
 @dataclass(frozen=True)
 class Process:
     """Three components of an error at poses (N, 7): coefficients (N + 4, 3) of the predictor; sizes (3,) variances of the process; length
-    [mm], angle [rad] and noise share of its covariance; left_out (N, 3), left_out_u (N, 3): differences of the errors from what all
-    others predict, and their standard uncertainties as stated before widening; misfit: by which that is widened."""
+    [mm], angle [rad] and noise share of its covariance; left_out (N, 3), left_out_u (N, 3): differences of the errors from the prediction
+    by all others, and their standard uncertainties before widening; misfit: the factor of widening."""
 
     poses: FloatArray
     factor: FloatArray
@@ -80,7 +80,7 @@ class Process:
 
     @property
     def noise(self) -> FloatArray:
-        """(3,) standard deviations of what does not repeat from point to point."""
+        """Return (3,) standard deviations of the part that does not repeat from point to point."""
         return np.asarray(self.misfit * np.sqrt(self.share * self.sizes))
 
 
@@ -94,9 +94,9 @@ class ErrorMap:
     turn: Process | None
     turned: bool
     largest_mm: float
-    """Radius that holds 95 % of the measured errors: what the robot is worth without correction."""
+    """Radius that holds 95 % of the measured errors: the robot's accuracy without correction."""
     most_rad: float
-    """By which an orientation may differ from the nearest that was measured: as those do from each other, or `TURN_RAD`."""
+    """Largest difference of an orientation from the nearest measured one: as between those, or `TURN_RAD`."""
 
     def errors(self, poses: FloatArray) -> FloatArray:
         """(M, 6) errors (rotation [rad]; place [mm]) at commanded poses (M, 7), rotations nothing where they were not measured."""
@@ -115,7 +115,7 @@ class ErrorMap:
         return np.asarray(float(t.ppf(0.975, freedom) / norm.ppf(0.975)) * radii_95(variance[:, None] * np.eye(3)))
 
     def outside(self, pose: FloatArray) -> str:
-        """Why the map tells nothing of a pose (7,); empty where it does."""
+        """Return why the map does not apply to a pose (7,); empty if it does."""
         if not inside(self.poses[:, :3], pose[None, :3])[0]:
             return message("robots.outside_region_where_errors")
         if self.turned:
@@ -134,10 +134,11 @@ class ErrorMap:
 
 
 def error_map(poses: FloatArray, errors_mm: FloatArray, turns: FloatArray | None = None, *, turned: bool = True) -> ErrorMap:
-    """The map of errors (N, 3) [mm] of places and, where measured, of turns (N, 3) [rad] about the base's axes at commanded poses (N, 7).
+    """Return the map of errors (N, 3) [mm] of positions and, if measured, of turns (N, 3) [rad] about the base's axes at commanded poses
+    (N, 7).
 
-    turned: whether the orientations of the poses are known. RobotError for too few or too many points, or two at one pose that differ in
-    nothing, so that nothing tells how errors vary.
+    turned: whether the orientations of the poses are known. RobotError for too few or too many points, or equal ones at one pose, so that
+    the variation of errors is unknown.
     """
     n = len(poses)
     if not LEAST <= n <= MOST:
@@ -197,7 +198,7 @@ def _covariance(apart: tuple[FloatArray, FloatArray], length_mm: float, angle_ra
 
 
 def _process(poses: FloatArray, errors: FloatArray) -> Process:
-    """Widened by what folds show of points that neither the prediction nor what it was tuned by has seen."""
+    """Widened by folds of points that are in neither the prediction nor its tuning."""
     found = _fitted(poses, errors)
     order, ratios = np.random.default_rng(1).permutation(len(poses)), []
     for part in np.array_split(order, FOLDS):
@@ -210,7 +211,7 @@ def _process(poses: FloatArray, errors: FloatArray) -> Process:
 
 
 def _fitted(poses: FloatArray, errors: FloatArray, near: Process | None = None) -> Process:
-    """near: what it is tuned from."""
+    """Return the process; near: initial values of its tuning."""
     n = len(poses)
     part = np.arange(n) if n <= TUNED else np.sort(np.random.default_rng(0).permutation(n)[:TUNED])
     length, angle, share = _tuned(poses[part], errors[part], near)
@@ -411,7 +412,7 @@ def _shortened(nominal: RobotModel, joints: FloatArray, solved: FloatArray, *, w
 
 
 def too_large(change: FloatArray, limits: Limits) -> str:
-    """Why a change (6,) of the command is refused; empty where it is not too large."""
+    """Return why a change (6,) of the command is refused; empty if it is small enough."""
     size_mm, size_rad = float(np.linalg.norm(change[3:])), float(np.linalg.norm(change[:3]))
     if size_mm <= limits.most_mm and size_rad <= limits.most_rad:
         return ""
@@ -454,8 +455,8 @@ def whole_turns(nominal: RobotModel, joints: FloatArray) -> FloatArray:
 
 
 def _inverted(found: RobotModel, joints: FloatArray, wanted: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Joint values (N, n) at which the robot is where it is wanted, and what is left (N, 6); NaN where steps led to values that no pose
-    has."""
+    """Return joint values (N, n) at which the robot is at the wanted pose, and the remainder (N, 6); NaN if steps led to values without a
+    pose."""
     solved, scale = joints.copy(), np.array([1.0] * 3 + [1e3] * 3)
     on = np.arange(len(joints))
     for _ in range(STEPS):
@@ -496,7 +497,7 @@ def _one_branch(robot: RobotModel, joints: FloatArray, solved: FloatArray) -> Bo
 
 
 def _refused(nominal: RobotModel, found: RobotModel, joints: FloatArray, solved: FloatArray, *, off: FloatArray) -> list[str]:
-    """Why each correction cannot be; empty where it can."""
+    """Return why each correction is impossible; empty if it is possible."""
     low, high = nominal.limits
     moved = np.abs(solved - joints)
     lost = np.asarray(~np.isfinite(np.hstack([solved, off])).all(axis=1))
@@ -527,7 +528,7 @@ def _refused(nominal: RobotModel, found: RobotModel, joints: FloatArray, solved:
 
 
 def _crosses(box: FloatArray, start: FloatArray, stop: FloatArray) -> bool:
-    """Whether the straight way between two points meets a box (3, 2): slabs."""
+    """Return whether the straight line between two points meets a box (3, 2), by slabs."""
     way = stop - start
     with np.errstate(divide="ignore", invalid="ignore"):
         first, last = (box[:, 0] - start) / way, (box[:, 1] - start) / way

@@ -1,4 +1,4 @@
-"""Accuracy of an identification at poses that it has not used: rows held out, error against number of poses, and what was worth freeing."""
+"""Accuracy of an identification at validation poses: validation rows, error against number of poses, and useful families of parameters."""
 
 import math
 from collections.abc import Sequence
@@ -18,30 +18,30 @@ FOLDS = 5
 SIZES = (15, 20, 30, 45, 60, 100, 160, 320, 640)
 DRAWS = 5
 JUDGES = 200
-"""Rows left out by which one identification of the learning curve is judged, at most."""
+"""Most validation rows for one identification of the learning curve."""
 MOST_ROWS = 500
-"""Of all draws of one size together."""
+"""Most validation rows for all draws of one size together."""
 PARTS = (1.0 / 3.0, 0.5, 2.0 / 3.0)
-"""Of the rows, of which each predicts the rest."""
+"""Parts of the rows, each of which predicts the rest."""
 MEASURED = 0.95
 """Quantile of the measured poses' leverages, from which on a pose is far from them."""
 FALSE = 1e-4
-"""Probability with which predictions of a robot of which the model lacks nothing are widened."""
+"""Probability of widening the predictions of a robot whose model is complete."""
 LEAST_LEFT = 5.0
 """Degrees of freedom that a cut must leave."""
 EXCESS = 1.25
-"""Errors of unseen halves, in units of what is said of them, that no family of the robot reaches: 0.9 to 1.15 of simulated robots."""
+"""Errors of unseen halves, in units of their stated ones, beyond any family of the robot: 0.9 to 1.15 for simulated robots."""
 DETERMINED = 0.8
-"""Of what all rows determine: what a part of them must determine to predict the others."""
+"""Share of the parameters determined by all rows that a part must determine to predict the others."""
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Errors (k,) [mm] and u95 (k,) at rows (k,) of the fit that were held out in turn.
+    """Errors (k,) [mm] and u95 (k,) at validation rows (k,) of the fit, in turn.
 
-    misfit: rms of the errors in units of what was stated of them, or 95 % quantile in units of their stated radii where that is more; rows
-    counted by their weights, 1 at least. A model that lacks something fits its own rows better than others, the more the farther these lie
-    apart. u95_mm is widened by it, as are predictions of an identification that knows it.
+    misfit: rms of the errors in units of the stated ones, or 95 % quantile in units of their stated radii if that is more; rows counted by
+    their weights, 1 at least. An incomplete model fits its own rows better than others, the more so the farther apart they are. u95_mm is
+    widened by it, as are predictions of an identification with it.
     """
 
     rows: IntArray
@@ -71,9 +71,9 @@ class Worth:
 
 @dataclass(frozen=True)
 class Unseen:
-    """State how a family of parameters changes predictions of halves of the workspace that were left out.
+    """Effect of a family of parameters on predictions of unseen halves of the workspace.
 
-    times: errors with the family, in units of those without it; excess: in units of what their covariance says.
+    times: errors with the family, in units of those without it; excess: in units of their covariance.
     """
 
     times: float
@@ -81,14 +81,14 @@ class Unseen:
 
     @property
     def good(self) -> bool:
-        """Whether predictions gain by the family, or lose no more than their uncertainty says."""
+        """Return whether predictions gain by the family, or lose no more than their uncertainty."""
         return self.times < 1.0 or self.excess < EXCESS
 
 
 def held_out(found: Identified[R], folds: int = FOLDS, seed: int = 0) -> HeldOut | None:
-    """Each fold of the poses with positions predicted by an identification from the others; None where they are too few.
+    """Predict each fold of the poses with positions by an identification from the others; None with too few.
 
-    All rows of the same joint values are in one fold: what the robot adds there, and what its model lacks, they have in common.
+    All rows of the same joint values are in one fold: they share the robot's noise and the errors of its model.
     """
     rows = found.fit.problem.rows
     of = _poses(found)
@@ -138,11 +138,11 @@ def learning_curve(found: Identified[R], seed: int = 0) -> list[tuple[int, float
 
 
 def beyond(found: Identified[R]) -> Beyond:
-    """Return how predictions far from the measured joint values are to be widened: by what blocks of the measurements show of each other.
+    """Return the widening of predictions far from the measured joint values, from predictions between blocks of the measurements.
 
     The rows are cut in two along each joint, each coordinate and the distance from the robot's base, at a third, the middle and two thirds,
     and each part predicts the other. Where the parts' parameters differ by more than their covariances allow (a Chow test over all cuts),
-    the largest factor counts, widened as one that is known from as many draws as joints have moved.
+    the largest factor counts, widened for an estimate from as many draws as joints have moved.
     """
     fit, problem = found.fit, found.fit.problem
     rows = problem.rows
@@ -192,8 +192,8 @@ def _cuts(found: Identified[R]) -> list[BoolArray]:
 def _half(
     jacobian: FloatArray, residuals: FloatArray, prior: FloatArray, theta: FloatArray
 ) -> tuple[FloatArray, FloatArray, float, float, float]:
-    """From whitened rows alone, near theta: the step to their optimum, its covariance, how many unknowns they determine, chi-squared, and
-    that with the priors."""
+    """Return from whitened rows alone, near theta: the step to their optimum, its covariance, the number of determined unknowns,
+    chi-squared, and that with the priors."""
     information = jacobian.T @ jacobian
     normal = information + prior
     size = np.sqrt(np.diagonal(normal))
@@ -216,7 +216,8 @@ def _poses(found: Identified[R]) -> list[IntArray]:
 
 
 def worth_freeing(found: Identified[R]) -> list[Worth]:
-    """Every family of the robot's parameters: those freed by what they explain, the others by what they would (a score test)."""
+    """Return every family of the robot's parameters: freed ones with their explanation, the others with their possible one (a score
+    test)."""
     fit, wide = found.fit, _wide(found)
     jacobian, prior, now = wide.jacobian, wide.prior, wide.now
     # at the optimum of the freed ones, the others at their nominal values
@@ -321,10 +322,11 @@ def _step(jacobian: FloatArray, target: FloatArray, prior: FloatArray) -> FloatA
 
 
 def _by_stays(more: FloatArray, jacobian: FloatArray, residuals: FloatArray, stay: IntArray, *, count: int) -> float:
-    """Return the chance of what further columns (e, k) explain of residuals (e,), judged by how it differs between stays (e,).
+    """Return the probability of chance for the explanation of residuals (e,) by further columns (e, k), judged by its variation between
+    stays (e,).
 
-    Hotelling's test of the stays' scores in the columns' strongest directions holds however the rows of one stay correlate: joints that
-    repeat differently make turns of a stay likelier about some axes.
+    Hotelling's test of the stays' scores in the columns' strongest directions is valid for any correlation of the rows of one stay: joints
+    that repeat differently make turns of a stay likelier about some axes.
     """
     scores = more - jacobian @ np.linalg.lstsq(jacobian, more, rcond=1e-12)[0]
     strongest = np.linalg.svd(scores, full_matrices=False)[2][:count].T
@@ -345,7 +347,6 @@ def _determined(jacobian: FloatArray, prior: FloatArray, which: BoolArray) -> in
 
 
 def _refitted(found: Identified[R], rows: IntArray) -> Identified[R]:
-    """From these rows of the fit alone."""
     problem = found.fit.problem
     again = replace(problem, rows=problem.rows.of(rows))
     if problem.weight is None:
@@ -372,8 +373,8 @@ def _frames(fit: Fit[R]) -> Frames:
 FALSE_ALARM = 1e-3
 """Probability with which a family that the robot has nothing of is freed."""
 AMONG = ("once", "twice", "scale", "stiffness")
-"""Families that are freed without a request. Not play: on which side of it a joint lies only rows tell that stand in the order they were
-gone to, and whatever else went on in that order, as heat does, looks like it."""
+"""Families that are freed without a request. Play is not among them: only rows in the order of the motion show its side, and other changes
+in that order, such as heat, look like it."""
 
 
 def identify_with_choice(robot: R, rows: Measurements, settings: Settings | None = None, among: Sequence[str] = AMONG) -> Identified[R]:

@@ -1,4 +1,4 @@
-"""Identification: what is wrong with a robot, from joint values and what an instrument measured at them."""
+"""Identification: the errors of a robot's model, from joint values and measurements at them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -35,14 +35,14 @@ OUTLYING = 1e-6
 """Probability, over all rows, with which a row of Gaussian errors would be taken for an outlier."""
 OUTLIER_ROUNDS = 12
 LEAST_SPARE = 2.0
-"""Residuals beyond what they determine, with which they tell how exact robot and instrument are."""
+"""Residuals beyond the determined unknowns that are needed to estimate the noise of robot and instrument."""
 HALF = 0.5
-"""Of a row: weight below which it is named. Of all rows: what their weights must leave."""
+"""Weight of a row below which it is named, and part of all rows that their weights must leave."""
 
 
 def of_all(fit: Fit[R], rows: Measurements, used: BoolArray) -> tuple[FloatArray, IntArray]:
-    """`distances` of all rows, (N,) of which were used for the fit, and how many components each has (N,); of a row of a stay with several,
-    from what the used ones of the others say too."""
+    """Return `distances` of all rows, with used (N,) rows of the fit, and the number of components of each (N,); for a stay with several
+    rows, the other used rows of the stay count too."""
     problem = replace(fit.problem, rows=rows, weight=None)
     at, square = problem.linearised(fit.theta), np.zeros(len(rows))
     for of in problem.stays:
@@ -55,7 +55,7 @@ def of_all(fit: Fit[R], rows: Measurements, used: BoolArray) -> tuple[FloatArray
 
 
 def _within(fit: Fit[R], problem: Problem[R], at: Linear, of: IntArray, used: BoolArray) -> FloatArray:
-    """(m,) squared distances of the rows (m,) of one stay from what all others say of them, those of the stay that are used (m,) among
+    """Return (m,) squared distances of the rows (m,) of one stay from the prediction by all others, the stay's own used rows (m,) among
     them."""
     n = at.residuals.shape[1]
     r, J, V = at.residuals[of].reshape(-1), at.jacobian[of].reshape(len(of) * n, -1), problem.of_stays(of[None])[0]
@@ -127,7 +127,7 @@ def weighed(fit: Fit[R], rows: Measurements, used: BoolArray) -> tuple[Fit[R], B
 
 
 def outlying(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray) -> list[Noted]:
-    """What is said of each row that is kept and not used: out of reach, or by how much it differs from what is predicted [mm, deg]."""
+    """Return the report of each row that is kept and not used: out of reach, or its difference from the prediction [mm, deg]."""
     out = []
     state = fit.problem.unknowns.state(fit.x)
     predicted = state.predicted(rows)
@@ -154,9 +154,9 @@ def outlying(fit: Fit[R], rows: Measurements, kept: BoolArray, used: BoolArray) 
 
 
 FOREIGN = 0.01
-"""Of the spread of the places: errors left after identification from which on they are not those of this robot."""
+"""Part of the positions' spread from which the remaining errors show another robot."""
 MISFIT = 1e-3
-"""Probability of the residuals under what is stated, below which that is said to be too little."""
+"""Probability of the residuals under the stated uncertainties, below which these are reported as too small."""
 LEAST_POSES = 8
 """Measured with their orientation, from which on a mechanism's legs are fitted one by one to begin with."""
 UNMOVED_DEG, UNMOVED_MM = 0.1, 0.1
@@ -178,15 +178,15 @@ FAMILIES: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Settings:
-    """free: families of parameters, see `FAMILIES`; outliers: whether rows that the others contradict are set aside; weights: whether the
-    others count alike, or each by Tukey's biweight of what all others say of it; seed: of starts."""
+    """free: families of parameters, see `FAMILIES`; outliers: whether rows that the others contradict are rejected; weights: whether the
+    others count alike, or each by Tukey's biweight of its distance from all others; seed: of starts."""
 
     free: tuple[str, ...] = ("links",)
     outliers: bool = True
     seed: int = 0
     weights: Literal["cut", "biweight"] = "cut"
     own_noise: bool = True
-    """Whether the robot errs beyond what is stated of the measurements; not where poses of both are stated."""
+    """Whether the robot has errors beyond the stated ones of the measurements; not if poses of both are stated."""
     u_links_mm: float | None = None
     """Standard uncertainty of the nominal lengths of links or legs; None: as parameters have it."""
     u_links_deg: float | None = None
@@ -210,7 +210,7 @@ class Identified(Shown, Generic[R]):
     """The frames that fit best with the nominal robot."""
     settings: Settings
     misfit: float = 1.0
-    """How many times what is stated of predictions rows that were held out are off, where that is more (`hold_out.HeldOut.misfit`)."""
+    """Factor from stated to actual errors of validation rows, if above 1 (`hold_out.HeldOut.misfit`)."""
     beyond: Beyond = NOWHERE
     """Widening of predictions far from the measured joint values (`hold_out.beyond`)."""
     state: State[R] = field(init=False)
@@ -250,12 +250,12 @@ class Identified(Shown, Generic[R]):
 
     @property
     def noise(self) -> Noise:
-        """Return what the robot itself adds."""
+        """Return the robot's own noise."""
         return self.fit.problem.noise
 
     @property
     def tells_noise(self) -> bool:
-        """Whether the residuals tell it: there are more than what they determine."""
+        """Return whether the residuals determine it: more of them than unknowns."""
         return self.fit.spare >= LEAST_SPARE
 
     @property
@@ -270,8 +270,8 @@ class Identified(Shown, Generic[R]):
         return np.asarray(3.0 * spread / np.trace(spread))
 
     def of_robot(self, rows: Measurements) -> FloatArray:
-        """(N, 3, 3) [mm²] covariance of what the robot itself adds to the places of the rows' targets: its shift, and its turn about the
-        mean of the targets where stays have several."""
+        """Return the (N, 3, 3) [mm²] covariance of the robot's own noise at the rows' targets: its shift, and its turn about the mean of
+        the targets if stays have several."""
         out = np.tile(self.noise.position_mm**2 * self.shape, (len(rows), 1, 1))
         if self.fit.problem.several:
             middle = self.state.targets[self.fit.problem.rows.target_of, :3].mean(axis=0)
@@ -282,7 +282,7 @@ class Identified(Shown, Generic[R]):
 
     @property
     def robot_mm(self) -> float:
-        """Return what the robot adds to each coordinate of its first target, as a standard deviation."""
+        """Return the robot's noise in each coordinate of its first target, as a standard deviation."""
         row = self.fit.problem.rows.of(np.array([0]))
         return float(np.sqrt(np.trace(self.of_robot(replace(row, target_of=np.zeros(1, dtype=np.int64)))[0]) / 3.0))
 
@@ -414,7 +414,8 @@ def _begin(read: Stays, frames: Frames, settings: Settings) -> Noise:
 
 
 def _begun(robot: R, unknowns: Unknowns[R], rows: Measurements) -> FloatArray:
-    """Where the unknowns begin, in the units of their names: a mechanism's legs at the poses that were measured, else the nominal robot."""
+    """Return initial values of the unknowns, in the units of their names: a mechanism's legs at the measured poses, else the nominal
+    robot."""
     theta, whole = np.zeros(len(unknowns)), rows.placed & rows.oriented
     if isinstance(robot, Parallel) and whole.sum() >= LEAST_POSES:
         at, targets = np.column_stack([rows.position, rows.quaternion])[whole], unknowns.start.targets[rows.target_of[whole]]
@@ -447,11 +448,11 @@ def predict(
     *,
     u_position_mm: float | None = None,
 ) -> Prediction:
-    """Where a target will be measured at joint values (M, n), with the radius that holds 95 % of new measurements there.
+    """Predict the measured position of a target at joint values (M, n), with the radius that holds 95 % of new measurements there.
 
-    The uncertainty is that of the identification, of the robot itself, and of the instrument, widened by what the model does not hold
-    (`Identified.misfit`): u_position_mm of each coordinate, by
-    default the median of what the measurements state. target (M,): numbers of targets, by default the first.
+    The uncertainty is that of the identification, of the robot itself, and of the instrument, widened for errors of the model
+    (`Identified.misfit`): u_position_mm of each coordinate, by default the median of the measurements' statements. target (M,): indices of
+    targets, by default the first.
     """
     rows = measured(joints, side=np.zeros_like(joints) if side is None else side)
     rows = replace(
@@ -520,7 +521,7 @@ def _named_alike(rows: Measurements, of: IntArray) -> list[Noted]:
 
 
 def _unmoved(robot: R, rows: Measurements) -> list[Noted]:
-    """Joints that never moved: of what they do at other values the measurements tell nothing."""
+    """Report joints that never moved: the measurements contain nothing about their other values."""
     out = []
     for j in np.flatnonzero(_still(robot, rows.joints)).tolist():
         value, unit = joint_value(robot, j, rows.joints[0, j])
@@ -546,7 +547,7 @@ def _still(robot: R, joints: FloatArray) -> BoolArray:
 
 
 def _scattered(read: Stays) -> list[Noted]:
-    """Whether readings of one stay scatter by more than is stated of them."""
+    """Report readings of one stay with a larger scatter than stated."""
     turn, place = np.sqrt(read.times)
     times = float(max(turn, place))
     return [noted("readings", "readings", value=times, times=times)] if times > 1.0 else []

@@ -1,14 +1,13 @@
-"""Measurements of a robot by an instrument: joint values, and for each the place, the pose, or the distance of a target on its flange; and
-notes on it.
+"""Measurements of a robot by an instrument: joint values, and for each the position, the pose, or the distance of a target on its flange,
+with notes.
 
-The covariance of the parameters is right where the model is right. A real robot has errors that the model lacks, and the parameters absorb
+The covariance of the parameters is right if the model is right. A real robot has errors that the model lacks, and the parameters absorb
 part of them. Near the measured joint values this does no harm; far from them the parameters extrapolate it. The leverage of a pose, the
 variance of its place by the parameters, measures how far it is away. Up to the leverage of the measured poses nothing is added. The rest
-grows by a factor that blocks of the measurements show of each other (`hold_out.beyond`).
+grows by a factor from predictions between blocks of the measurements (`hold_out.beyond`).
 
-What the robot adds at a stay is one draw. Rows of one stay share it, however many they are; only what the instrument adds differs from
-reading to reading. Readings of one target at one stay have the same derivatives, so that their mean and their scatter about it say all
-that they can say.
+The robot's noise at a stay is one draw. Rows of one stay share it, however many they are; only the instrument's noise differs from reading
+to reading. Readings of one target at one stay have the same derivatives, so that their mean and their scatter contain all information.
 """
 
 from collections.abc import Sequence
@@ -25,19 +24,18 @@ from lmeasure.text import Message, message
 COMPONENTS = 6
 ROTATION, POSITION = slice(0, 3), slice(3, 6)
 LENGTH = 3
-"""Where a row of components (rotation [rad]; position [mm]) holds a length instead."""
+"""Index of a length in a row of components (rotation [rad]; position [mm])."""
 
 
 @dataclass(frozen=True)
 class Measurements:
-    """N rows. Of a row either the position is known, with or without the quaternion, or the length; NaN stands for what is not.
+    """N rows. Each has either a position, with or without the quaternion, or a length; the others are NaN.
 
-    joints (N, n) [rad, mm], side (N, n): see `RobotModel`; target_of, station_of (N,): number of the target on the flange, and of the
-    station a length was measured from, -1 where none; position (N, 3) [mm], quaternion (N, 4): instrument_from_target; length_mm (N,).
-    covariance (N, 6, 6): of the instrument's random errors, (rotation [rad]; position [mm]) about its own axes, a length's variance at
-    the place of x; stated: whether positions (and lengths), and rotations, have it, or it is not known and zero. systematic
-    (N, 6, k): errors per standard deviation of k variables that all rows have in common. stay (N,): number of the stay of the robot at
-    which a row was measured; readings (N,): of how many readings it is the mean.
+    joints (N, n) [rad, mm], side (N, n): see `RobotModel`; target_of, station_of (N,): index of the target on the flange, and of the
+    station of a length, -1 without one; position (N, 3) [mm], quaternion (N, 4): instrument_from_target; length_mm (N,). covariance (N, 6,
+    6): of the instrument's random errors, (rotation [rad]; position [mm]) about its own axes, a length's variance at the index of x;
+    stated: whether positions (and lengths), and rotations, have it, or it is unknown and zero. systematic (N, 6, k): errors per standard
+    deviation of k variables common to all rows. stay (N,): index of the robot's stay; readings (N,): number of readings in its mean.
     """
 
     names: tuple[str, ...]
@@ -56,7 +54,7 @@ class Measurements:
     stay: IntArray
     readings: IntArray
     lines: tuple[int, ...] = ()
-    """Of the file that they are from, one for each row; none where they are from none."""
+    """Lines of the file, one for each row; empty without a file."""
 
     def subject(self, row: int) -> Message:
         """A row for a person: its name, and its line in the file."""
@@ -92,7 +90,7 @@ class Measurements:
         return out
 
     def of_lines(self, lines: Sequence[int]) -> "Measurements":
-        """With where the rows stand in a file."""
+        """Return them with the lines of the rows in a file."""
         return replace(self, lines=tuple(lines))
 
     def of(self, rows: IntArray) -> "Measurements":
@@ -103,7 +101,7 @@ class Measurements:
         return replace(self, names=tuple(self.names[i] for i in rows), lines=tuple(self.lines[i] for i in rows if self.lines), **parts)
 
     def with_uncertainty(self, u_position_mm: float | None = None, u_rotation_rad: float | None = None) -> "Measurements":
-        """With these standard uncertainties of all rows; None leaves what there is."""
+        """Return them with these standard uncertainties of all rows; None keeps the present ones."""
         covariance, systematic, stated = self.covariance.copy(), self.systematic.copy(), list(self.stated)
         for which, (u, own) in enumerate(((u_position_mm, POSITION), (u_rotation_rad, ROTATION))):
             if u is not None:
@@ -128,9 +126,9 @@ def measured(
     u_rotation_rad: FloatArray | float | None = None,
     side: FloatArray | None = None,
 ) -> Measurements:
-    """Measurements from arrays: joints (N, n) [rad, mm], position (N, 3) [mm], quaternion (N, 4), lengths (N,) from stations by name.
+    """Make measurements from arrays: joints (N, n) [rad, mm], position (N, 3) [mm], quaternion (N, 4), lengths (N,) from stations by name.
 
-    The side of play is by default that of the way from the row before, none for the first: rows stand in the order they were gone to.
+    The side of play is by default that of the motion from the row before, none for the first: rows are in the order of the motion.
     """
     joints = np.asarray(joints, dtype=np.float64)
     n = len(joints)
@@ -207,7 +205,7 @@ def _numbered(names: Sequence[str] | None, n: int, alone: str) -> tuple[tuple[st
 
 @dataclass(frozen=True)
 class Noted:
-    """One line: code as in identified.json, what it says, what it is of, if anything, and the value that it is judged by."""
+    """One line: code as in identified.json, its text, its subject, if any, and the value that it is judged by."""
 
     code: str
     said: Message
@@ -220,7 +218,6 @@ class Noted:
         return self.said
 
     def stated(self) -> dict[str, Any]:
-        """As identified.json has it."""
         return {"code": self.code, "of": self.of, "value": self.value, "text": self.text, "finding": self.said.stated()}
 
 
@@ -259,18 +256,18 @@ class Beyond:
 
 
 NOWHERE = Beyond()
-"""A robot of which the model lacks nothing."""
+"""A robot with a complete model."""
 
 
 STILL, COARSE = 0.01, 0.1
-"""Degrees or millimetres by which joint values of one stay may differ: the last digit they are stated with, between these two."""
+"""Degrees or millimetres by which joint values of one stay may differ: their last stated digit, between these two."""
 DIGITS = 6
 OUTLYING = 1e-6
 """Probability, over all readings, with which one of Gaussian errors would be taken for an outlier of its stay."""
 HEAVY = 2.0
 """Times the scale of readings, about their median, that tails of a drift or a vibration may be longer than Gaussian ones."""
 OTHER = 1e-3
-"""Probability of the scatter of readings under what is stated of them, below which it is another."""
+"""Probability of the scatter of readings under the stated one, below which it is another."""
 KINDS = (ROTATION, POSITION)
 
 
@@ -366,7 +363,7 @@ def read_at_stays(rows: Measurements, used: BoolArray) -> Stays:
 
 
 def agreeing(rows: Measurements, used: BoolArray) -> BoolArray:
-    """(N,) which of the used rows agree with the median of three or more readings of their stay; others are not asked."""
+    """Return (N,) the used rows that agree with the median of three or more readings of their stay; others agree."""
     kinds = np.column_stack([rows.stay, rows.target_of, rows.station_of])
     _, of, counts = np.unique(kinds[used], axis=0, return_inverse=True, return_counts=True)
     of, at = of.reshape(-1), np.flatnonzero(used)

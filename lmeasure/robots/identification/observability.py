@@ -1,9 +1,9 @@
 """Observability of a robot's parameters, in numbers and words.
 
-A robot errs in more than the parameters that are freed: what its joints do besides, once and twice per turn, is there whether it is
-identified or not. Poses that are best for the links alone gather where the links tell most and leave that unseen, which their residuals
-then do not show and predictions elsewhere suffer from (Box and Draper, J. Am. Stat. Assoc. 54, 1959: designs against bias are spread wider
-than those against variance). So poses are chosen for the links and harmonics together, each with its prior, whatever is freed afterwards.
+A robot has more errors than its freed parameters: errors of its joints, once and twice per turn, exist whether they are identified or not.
+Poses that are best for the links alone gather where the links are determined best and leave those unseen. Their residuals then do not show
+them, and predictions elsewhere suffer (Box and Draper, J. Am. Stat. Assoc. 54, 1959: designs against bias are spread wider than those
+against variance). So poses are chosen for the links and harmonics together, each with its prior, for any later choice of free parameters.
 """
 
 from collections.abc import Sequence
@@ -20,13 +20,13 @@ from lmeasure.robots.identification.unknowns import Frames, R, Unknowns
 from lmeasure.text import Message, message
 
 DETERMINED = 0.3
-"""Of its prior's: standard uncertainty up to which a parameter counts as determined by the measurements."""
+"""Standard uncertainty, as a part of its prior's, up to which a parameter counts as determined by the measurements."""
 SILENT = 1.0
 """Information of the measurements, in that of the prior, below which a direction is held by nominal values."""
 MENTIONED = 0.05
-"""Of the largest: part of a direction that is mentioned."""
+"""Smallest component of a direction that is mentioned, as a part of the largest."""
 PLACED = 0.05
-"""Of a millimetre or degree, by which a frame must move with a direction to be named as what makes up for it."""
+"""Motion [mm or deg] of a frame with a direction from which it is named as compensating."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def silent_directions(fit: Fit[R]) -> list[Silent]:
 
 
 def unknown_frames(fit: Fit[R]) -> list[Silent]:
-    """Frames that the measurements do not tell wholly, and orientations that were not measured at all."""
+    """Report frames that the measurements do not determine completely, and orientations that were not measured."""
     unknowns = fit.problem.unknowns
     free, sigma = len(unknowns.freed), np.sqrt(np.diag(fit.covariance))
     loose = [i for i in range(free, unknowns.asked) if sigma[i] > DETERMINED * fit.problem.width[i]]
@@ -101,15 +101,15 @@ def _plain(owner: str) -> Message:
 
 
 FAR_MM, FAR_RAD = 1e3, 1.0
-"""Prior of frames of which nothing is known, while poses are chosen: as good as nothing, and the first poses are not lost in rounding."""
+"""Prior of unknown frames while poses are chosen: wide enough, and the first poses are not lost in rounding."""
 PLANNED_FOR = ("links", "once", "twice")
 RANDOM = 20
 
 
 @dataclass(frozen=True)
 class Plan:
-    """order (k,): chosen candidates, what brings most first; expected_mm, random_mm (k,): root mean square over the zone of what the
-    identification leaves uncertain of a place after as many of them, and after as many at random, the median of `RANDOM` sets."""
+    """order (k,): chosen candidates, the most informative first; expected_mm, random_mm (k,): root mean square over the zone of a
+    position's uncertainty by identification after as many of them, and after as many at random, the median of `RANDOM` sets."""
 
     order: IntArray
     expected_mm: FloatArray
@@ -117,21 +117,21 @@ class Plan:
 
 
 def to_plan(robot: R, families: Sequence[str], base: FloatArray, tool: FloatArray, *, joints: FloatArray) -> Unknowns[R]:
-    """The unknowns of places to be measured at joint values, with what is planned for beside what is freed; base, tool (7,) as they are
-    taken for."""
+    """Return the unknowns of positions to be measured at joint values, the planned ones beside the freed ones; base, tool (7,): assumed
+    frames."""
     rows = measured(joints, np.zeros((len(joints), 3)), side=np.zeros_like(joints))
     frames = Frames(base, tool[None], np.zeros((0, 3)), 0.0, np.ones(len(joints), np.bool_))
     return Unknowns(robot, freed(robot, (*PLANNED_FOR, *families)), frames, rows)
 
 
 def chosen(unknowns: Unknowns[R], candidates: FloatArray, zone: FloatArray, count: int, *, u_mm: float) -> IntArray:
-    """(count,) candidates (N, n) joint values that, measured with u_mm in each coordinate, leave the least mean variance of predicted
-    places at the joint values `zone` (M, n) (I-optimality), in the order of what they bring."""
+    """Return (count,) candidates (N, n) joint values that, measured with u_mm in each coordinate, leave the least mean variance of
+    predicted positions at the joint values `zone` (M, n) (I-optimality), the most informative first."""
     return planned(unknowns, candidates, zone, count, u_mm=u_mm).order
 
 
 def planned(unknowns: Unknowns[R], candidates: FloatArray, zone: FloatArray, count: int, *, u_mm: float, seed: int = 0) -> Plan:
-    """`chosen` with what is expected of it."""
+    """Return `chosen` with its expected uncertainty."""
     determined = blocks(_sensitivity(unknowns, candidates), np.full(3, u_mm**2))
     criterion = Criterion("I", _sensitivity(unknowns, zone).reshape(-1, len(unknowns)))
     rng = np.random.default_rng(seed)

@@ -1,9 +1,10 @@
-"""An identification as a problem of `estimation`: residuals, derivatives, priors and covariance, and the noise that the residuals show.
+"""An identification as a problem of `estimation`: residuals, derivatives, priors and covariance, and the noise estimated from the
+residuals.
 
-Errors of different stays do not correlate, what all rows share being unknowns of their own: `estimation.normal_equations` takes the
-residuals whitened stay by stay, which forms no covariance of all of them. Everything else that takes a problem may have that. Rows of one
-stay have in common what the robot adds there: a shift, and a turn about the mean place of the stay's rows. Its variances and those of
-readings of which nothing is stated are found by restricted maximum likelihood (Patterson and Thompson, Biometrika 58, 1971).
+Errors of different stays do not correlate, and common errors of all rows are unknowns of their own: `estimation.normal_equations` takes the
+residuals whitened stay by stay, which forms no covariance of all of them. Other users of a problem may form it. Rows of one stay share the
+robot's noise there: a shift, and a turn about the mean position of the stay's rows. Its variances and those of readings without a statement
+are found by restricted maximum likelihood (Patterson and Thompson, Biometrika 58, 1971).
 """
 
 from dataclasses import dataclass, field, replace
@@ -34,16 +35,16 @@ ROUNDS = 12
 SETTLED = 1e-3
 WEIGHT_ROUNDS = 40
 NORMAL_MEDIAN = 0.6745
-"""Of |z|."""
+"""Median of |z|."""
 LEAST_LEFT = 1e-3
-"""Of its variance: what a component's residual has at least."""
+"""Least variance of a component's residual, as a part of its stated one."""
 NOTHING = Scatter(np.zeros(2), np.zeros(2))
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of what the robot itself adds at a stay, to each coordinate of a target and to each component of its turn, and of
-    what a reading adds where nothing is stated of it."""
+    """Standard deviations of the robot's own noise at a stay, in each coordinate of a target and each component of its turn, and of a
+    reading without a statement."""
 
     position_mm: float
     rotation_rad: float
@@ -76,11 +77,11 @@ class Problem(estimation_Problem, Generic[R]):
     own_noise: bool = True
     """Whether the noise is looked for in the residuals, or as it is."""
     weight: FloatArray | None = None
-    """(N,) by which rows count, `estimation.robust.biweights` of what all others say of them; None: all alike."""
+    """(N,) weights of rows, `estimation.robust.biweights` of their distance from all others; None: all alike."""
     trust: float = 1.0
     """Value of the weighted rows together (`estimation.robust.trust`)."""
     scatter: Scatter = NOTHING
-    """Of readings about the rows, which are their means."""
+    """Scatter of readings about the rows, which are their means."""
     parameters: Parameters = field(init=False, compare=False, repr=False)
     """The unknowns as changes, about nothing."""
 
@@ -129,7 +130,7 @@ class Problem(estimation_Problem, Generic[R]):
 
     @property
     def several(self) -> bool:
-        """Whether any stay has several rows."""
+        """Return whether any stay has several rows."""
         return bool(self.stays[-1].shape[1] > 1) if self.stays else False
 
     @cached_property
@@ -139,7 +140,7 @@ class Problem(estimation_Problem, Generic[R]):
 
     @cached_property
     def _of_rows(self) -> FloatArray:
-        """(N, 6, 6) of what rows do not share, the identity where nothing was measured."""
+        """Return (N, 6, 6) covariance of the errors that rows do not share, the identity for missing measurements."""
         known = self.rows.known
         out = self.rows.covariance + np.diag(self.noise.of_reading) / self.rows.readings[:, None, None]
         out = out * (known[:, :, None] & known[:, None, :])
@@ -163,14 +164,14 @@ class Problem(estimation_Problem, Generic[R]):
         return out
 
     def joined(self, of: IntArray, variance: FloatArray) -> FloatArray:
-        """(S, 6 m, 6 m) of what a stay adds to rows (S, m), by variances (6,) of its turn and shift."""
+        """Return (S, 6 m, 6 m) covariance of a stay's noise in rows (S, m), by variances (6,) of its turn and shift."""
         count, m = of.shape
         levers = self.levers[of].reshape(count, m * COMPONENTS, COMPONENTS)
         return np.asarray((levers * variance) @ np.swapaxes(levers, 1, 2))
 
     @cached_property
     def _whitening(self) -> list[tuple[IntArray, FloatArray]]:
-        """For the rows (S, m) of stays, (S, 6 m, 6 m), or (S, 6, 1) where no component is correlated with another."""
+        """Return for the rows (S, m) of stays, (S, 6 m, 6 m), or (S, 6, 1) for uncorrelated components."""
         out = []
         for of in self.stays:
             C, root = self.of_stays(of), np.sqrt(self.counts[of[:, 0]])[:, None, None]
@@ -182,7 +183,7 @@ class Problem(estimation_Problem, Generic[R]):
         return out
 
     def linearised(self, theta: FloatArray) -> "Linear":
-        """Return what the unknowns predict at theta (p,) and near it."""
+        """Return the prediction at theta (p,) and its derivatives."""
         residuals, jacobian = self.unknowns.linearised(theta * self.unknowns.size, self.rows)
         return Linear(residuals, jacobian * self.unknowns.size)
 
@@ -191,7 +192,7 @@ class Problem(estimation_Problem, Generic[R]):
         return Linear(at.residuals - at.jacobian @ step, at.jacobian)
 
     def whitened(self, at: "Linear") -> tuple[FloatArray, FloatArray]:
-        """(e,) residuals, measured less predicted, in standard deviations, and (e, p) derivatives of what is predicted."""
+        """Return (e,) residuals, measured minus predicted, in standard deviations, and (e, p) derivatives of the prediction."""
         known, p = self.rows.known, at.jacobian.shape[2]
         residuals, jacobian = np.empty_like(at.residuals), np.empty_like(at.jacobian)
         for of, W in self._whitening:
@@ -203,7 +204,7 @@ class Problem(estimation_Problem, Generic[R]):
 
 @dataclass(frozen=True)
 class Linear:
-    """residuals (N, 6), measured less predicted; jacobian (N, 6, p) of what is predicted by the unknowns in the units of their names."""
+    """residuals (N, 6), measured minus predicted; jacobian (N, 6, p) of the prediction by the unknowns in the units of their names."""
 
     residuals: FloatArray
     jacobian: FloatArray
@@ -223,8 +224,8 @@ class Fit(Optimum[Linear], Generic[R]):
 
     @cached_property
     def spare(self) -> float:
-        """The same less what they determine; where rows share stays or are means of readings, at most as many as the variance of a place
-        is known by (Satterthwaite, Biometrics Bulletin 2, 1946)."""
+        """Return the number of residuals minus determined unknowns; if rows share stays or are means of readings, at most the degrees of
+        freedom of a position's variance (Satterthwaite, Biometrics Bulletin 2, 1946)."""
         every = self.counted - self.determined
         if not self.problem.own_noise or not (self.problem.several or self.problem.scatter.freedom.any()):
             return every
@@ -248,15 +249,15 @@ class Fit(Optimum[Linear], Generic[R]):
 
 
 def solved(problem: Problem[R], start: FloatArray, at: Linear | None = None) -> Fit[R]:
-    """The optimum near start (p,), with the priors everywhere, which are too wide to move what is determined.
+    """Return the optimum near start (p,), with the priors everywhere, which are too wide to move determined values.
 
-    at: what is predicted near start, where it is known already.
+    at: the prediction near start, if already known.
     """
     return Fit(**vars(optimum(problem, start, at)), problem=problem)
 
 
 def with_noise(problem: Problem[R], start: FloatArray) -> Fit[R]:
-    """The optimum with the robot's noise as the residuals show it: what they scatter beyond what the instrument states."""
+    """Return the optimum with the robot's noise from the residuals: their scatter beyond the instrument's stated one."""
     fit = solved(problem, start)
     for _ in range(ROUNDS if problem.own_noise else 0):
         before = fit.problem.noise
@@ -268,10 +269,11 @@ def with_noise(problem: Problem[R], start: FloatArray) -> Fit[R]:
 
 
 def weighted(fit: Fit[R]) -> Fit[R]:
-    """The optimum with every stay weighed by Tukey's biweight of what all others say of it, begun with the weights that the fit has.
+    """Return the optimum with every stay weighted by Tukey's biweight of its distance from all others, starting with the weights of the
+    fit.
 
-    Weights and the robot's noise are found together. Judged first by the median of all stays, which half of them may spoil: a noise that
-    was found with bad ones among the others would hide them.
+    Weights and the robot's noise are found together. The first judge is the median of all stays, which tolerates bad ones up to half: a
+    noise estimated with bad stays would hide them.
     """
     middle = 1.0
     for again in range(WEIGHT_ROUNDS):
@@ -346,8 +348,8 @@ def _inverse(information: FloatArray) -> FloatArray:
 
 
 def _sought(problem: Problem[R]) -> BoolArray:
-    """(4,) which of the variances (`Noise.parts`) the rows tell apart: those of readings where nothing is stated of them and stays have
-    several rows or readings, that of a stay's turn also where stays have several targets."""
+    """Return (4,) the variances (`Noise.parts`) that the rows can separate: those of readings without a statement if stays have several
+    rows or readings, that of a stay's turn also if stays have several targets."""
     known, stated, shared = problem.rows.known, problem.rows.stated[::-1], problem.several
     out = np.zeros(4, np.bool_)
     for kind, own in enumerate(KINDS):

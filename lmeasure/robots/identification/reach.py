@@ -1,4 +1,4 @@
-"""Where a robot may go to be measured, and how exactly it is predicted wherever its target can be."""
+"""Reach of a robot for measurements, and the accuracy of predictions wherever its target can be."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
     import xarray as xr
 
 STRETCH = 1.2
-"""Candidates are spread over so many times the limits and cut to them: poses that tell most lie at the limits."""
+"""Factor on the limits over which candidates are spread and then cut: the most informative poses lie at the limits."""
 TURN_RAD = np.pi
-"""A joint that goes farther tells nothing new beyond half a turn to both sides."""
+"""Turn to both sides beyond which a joint gives no new information."""
 BETWEEN = 9
-"""Points of each link that are held against the boxes."""
+"""Points of each link that are compared with the boxes."""
 WRIST, CLEARANCE = 3, 0.1
-"""Joints whose links may come near each other, and parts of the reach by which flange and target keep away from the others: where an arm
-runs into itself its links alone do not say."""
+"""Joints whose links may come near each other, and parts of the reach by which flange and target keep away from the others, as links alone
+do not show an arm's collisions with itself."""
 LEAST_PART = 0.1
-"""Of the determinant of the cables at home: a singular pose of the instrument is nearer where it is less."""
+"""Part of the cables' determinant at home below which a singular pose of the instrument is near."""
 REGULAR = 0.3
-"""`Allowed.regular` of what is planned: four chains built 0.2 mm otherwise are lost at 1 to 5 % of poses that keep a tenth."""
+"""`Allowed.regular` of planned poses: four chains with 0.2 mm errors of construction are lost at 1 to 5 % of poses that keep a tenth."""
 ON_THE_WAY = 41
 """Points of the way from home that are looked at, home and the pose among them."""
 FACTOR = 64
@@ -43,9 +43,9 @@ FACTOR = 64
 
 @dataclass(frozen=True)
 class Allowed:
-    """robot; instrument_from_base, tool (7,): where it is taken to stand and its target to sit; keep_out (k, 3, 2): boxes [mm, robot's
-    base] that neither its links nor its target may enter; zone: of `lmeasure zone`, or a rig whose cables must be usable, None: all;
-    regular: part of its home's distance from singular poses that a mechanism keeps, to be there too where it was built otherwise."""
+    """robot; instrument_from_base, tool (7,): assumed frames of its base and target; keep_out (k, 3, 2): boxes [mm, robot's base] that
+    neither its links nor its target may enter; zone: of `lmeasure zone`, or a rig whose cables must be usable, None: all; regular: part of
+    its home's distance from singular poses that a mechanism keeps, so that the pose also exists with errors of construction."""
 
     robot: RobotModel
     instrument_from_base: FloatArray
@@ -94,7 +94,7 @@ class Allowed:
         return np.asarray((near.reshape(ON_THE_WAY, -1) >= self.regular * near[0]).all(axis=0))
 
     def _told(self, cables: FloatArray, seen: FloatArray) -> BoolArray:
-        """(N,) whether six cables tell target poses (N, 7) of a platform: on the side of the cables' singular poses where its home is."""
+        """Return (N,) whether six cables determine target poses (N, 7) of a platform: on its home's side of the cables' singular poses."""
         if not isinstance(self.robot, Parallel | Platform) or len(cables) != EQUATIONS:
             return np.ones(len(seen), np.bool_)
         home = se3.compose(self.instrument_from_base, se3.compose(self.robot.home, self.tool))
@@ -124,7 +124,7 @@ class Allowed:
         return np.asarray(near >= CLEARANCE * reach_mm(self.robot.arm))
 
     def candidates(self, count: int, seed: int = 0) -> FloatArray:
-        """(count, n) joint values spread evenly over what is allowed; RobotError where hardly anything is."""
+        """Return (count, n) joint values spread evenly over the allowed ones; RobotError if hardly any are allowed."""
         count_joints = len(self.robot.joint_names)
         draw = qmc.Sobol(count_joints, rng=np.random.default_rng(seed))
         found = np.zeros((0, count_joints))

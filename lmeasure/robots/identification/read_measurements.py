@@ -1,10 +1,10 @@
 """Measurements of a robot from a file, and joint values from a table of their own: a log of the controller, or one row for each pose.
 
-A rest belongs to the row of joint values whose time says so. Without times rests and rows follow each other in the same order, some perhaps
-without their like in the other: the angle between two orientations of the target, and about how far it has moved, are the same in every
-frame, and so tell which rests can be which rows, as an alignment of two sequences does (Needleman and Wunsch, J. Mol. Biol. 48, 1970).
+A rest belongs to the row of joint values with its time. Without times rests and rows have the same order, some perhaps without a
+counterpart. The angle between two orientations of the target, and roughly its motion, are the same in every frame, and so assign rests to
+rows like an alignment of two sequences (Needleman and Wunsch, J. Mol. Biol. 48, 1970).
 
-The places may be a run of cables, the trajectory of any instrument, of which the rests are taken, or points by name.
+Positions may come from a run of cables, from the rests of any instrument's trajectory, or as points by name.
 """
 
 from collections import Counter
@@ -45,8 +45,8 @@ def read_measurements(
 ) -> Measurements:
     """Read `name, joint_1_deg, ..., x_mm, y_mm, z_mm`, optional qx..qw, u_position_mm, u_rotation_deg, target, length_mm with station.
 
-    joints_alone: a file of poses to be predicted, whose places are not looked at; points_alone: one of measured points by name, whose joint
-    values stand elsewhere and are NaN here. FileFormatError names file, line and column.
+    joints_alone: a file of poses to be predicted, without positions; points_alone: one of measured points by name, whose joint values are
+    in another file and NaN here. FileFormatError names file, line and column.
     """
     table = ForeignTable(path, columns, part=points_alone)
     n = len(table)
@@ -139,7 +139,7 @@ def _in_range(path: Path, position: FloatArray, names: list[str]) -> None:
 
 @dataclass(frozen=True)
 class Commanded:
-    """joints (m, n) [rad, mm] by name, as they stand in a file; time_s (m,) of the instrument's clock, None where the file has no times."""
+    """joints (m, n) [rad, mm] by name, in the order of a file; time_s (m,) of the instrument's clock, None if the file has no times."""
 
     path: Path
     names: tuple[str, ...]
@@ -147,7 +147,7 @@ class Commanded:
     time_s: FloatArray | None
     lines: tuple[int, ...]
     named: bool = True
-    """Whether the file has names, or the rows' numbers stand for them."""
+    """Whether the file has names, or else the rows' numbers are used."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -169,9 +169,9 @@ def read_commanded(path: Path, robot: RobotModel, columns: Mapping[str, Column] 
 
 
 def with_joints(points: Measurements, commanded: Commanded) -> tuple[Measurements, list[Noted]]:
-    """Measured points that have names and no joint values, with those of the commanded rows of these names, in the order of these.
+    """Return measured points with names and no joint values, joined with those of the commanded rows of these names, in their order.
 
-    FileFormatError where a name stands twice, or none is in both.
+    FileFormatError if a name occurs twice, or none is in both.
     """
     name, times = Counter(commanded.names).most_common(1)[0]
     if times > 1:
@@ -189,29 +189,30 @@ def with_joints(points: Measurements, commanded: Commanded) -> tuple[Measurement
 
 
 STILL_MM = 0.2
-"""By which the target moves at most within `LAG_S` while the robot rests."""
+"""Largest motion of the target within `LAG_S` while the robot rests."""
 LEAST_RESTS = 3
 SKIPPED = 5
 """Rests, or rows, in a row that may be without their like."""
 TURN_RAD, PLACE_MM, TOOL_MM = np.radians(1.5), 15.0, 400.0
-"""By which an angle and a way between two rests may differ from those of the nominal flange, and how far the target may be from that."""
+"""Differences of an angle and a distance between two rests from those of the nominal flange, and the largest distance of the target from
+the flange."""
 LIKELY = 0.5
-"""Of the rests or rows, whichever are fewer: so many at least must find their like."""
+"""Least part of the rests or rows, whichever are fewer, that must find a counterpart."""
 STILL_JOINT = 1e-3
-"""Rad or mm by which joint values may change in a rest; more, and the clocks are not the same."""
+"""Largest change [rad or mm] of joint values in a rest; more means different clocks."""
 FUNCTIONS = 16
-"""Smooth ones of which a field nobody describes may be a sum."""
+"""Number of smooth functions in a field without a description."""
 FAR_REACHING = 3.0
 """Over how many times the spread of the poses its longer half is correlated."""
 SMALL = 1e-9
-"""Of the largest: errors that rows have in common and that are as good as none."""
+"""Part of the largest below which common errors of rows are negligible."""
 
 
 @dataclass(frozen=True)
 class Rests:
-    """Rests (k): windows_s (k, 2) in which the robot had settled, whole_s (k, 2) in which it stood, poses (k, 7) instrument_from_target,
-    NaN where orientations were not measured, covariance (k, 6, 6) of each by itself and systematic (k, 6, K) by the variables that all
-    have in common; stated as `Measurements` has it."""
+    """Rests (k): windows_s (k, 2) after settling, whole_s (k, 2) of the whole rest, poses (k, 7) instrument_from_target, NaN for
+    orientations that were not measured, covariance (k, 6, 6) of each by itself and systematic (k, 6, K) by the common variables; stated: as
+    in `Measurements`."""
 
     windows_s: FloatArray
     whole_s: FloatArray
@@ -225,11 +226,11 @@ class Rests:
 
 
 def rests_of(trajectory: Trajectory, model: ErrorModel | None = None) -> Rests:
-    """The rests of a trajectory, their poses the means over where the robot had settled.
+    """Return the rests of a trajectory, their poses the means after settling.
 
-    model: of the trajectory's errors, as of a run; by default what its file states, whose systematic part is taken for fields
-    over the measured poses (`fields_over`). A rest's own error is that of one sample: counts of a robot that stands repeat their
-    rounding. RobotError where there are too few.
+    model: of the trajectory's errors, such as a run's; by default the file's statements, whose systematic part is modelled as fields over
+    the measured poses (`fields_over`). A rest's own error is that of one sample: counts at rest repeat their rounding. RobotError with too
+    few.
     """
     positions = trajectory.poses[:, :3]
     found = rests(trajectory, positions, STILL_MM)
@@ -248,9 +249,9 @@ def rests_of(trajectory: Trajectory, model: ErrorModel | None = None) -> Rests:
 
 
 def matched(found: Rests, commanded: Commanded, robot: RobotModel) -> tuple[Measurements, list[Noted]]:
-    """The rests that have joint values, as measurements in their order, and what is to be said of the others.
+    """Return the rests with joint values, as measurements in their order, and remarks on the others.
 
-    RobotError where hardly any rest belongs to a row.
+    RobotError if hardly any rest belongs to a row.
     """
     notes: list[Noted] = []
     if commanded.time_s is not None:
@@ -356,20 +357,20 @@ def _between(poses: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _of_file(trajectory: Trajectory, samples: IntArray, poses: FloatArray) -> PoseErrors:
-    """Errors by a trajectory file alone, which does not say how its systematic ones belong together: each component is taken for a field
-    over the measured poses (`fields_over`)."""
+    """Return errors by a trajectory file alone, without the structure of its systematic ones: each component is modelled as a field over
+    the measured poses (`fields_over`)."""
     own = symmetric_root(trajectory.systematic[samples])
     basis = fields_over(poses)
     return PoseErrors.of(symmetric_root(trajectory.random[samples]), np.einsum("nij,nb->nijb", own, basis).reshape(len(own), 6, -1))
 
 
 def fields_over(poses: FloatArray) -> FloatArray:
-    """(n, b) functions of poses (n, 7), of which systematic errors that nobody describes may be sums with normal factors.
+    """Return (n, b) functions of poses (n, 7), whose sums with normal factors model systematic errors without a description.
 
-    All errors alike would be lost in where the robot stands, and all for themselves would fade in the mean; what an instrument errs by is
-    neither, and which of its fields a robot's parameters follow most is not known. So two kinds have the whole stated variance each: fields
-    that are even, a constant and a slope along each axis; and smooth ones, half of them correlated over the spread of the places, half over
-    three times that of places and turns. With half the variance for each, fields of one kind alone would be understated
+    Equal errors would be absorbed by the robot's base, and independent ones would vanish in the mean. An instrument's errors are neither,
+    and it is unknown which of its fields a robot's parameters follow most. So two kinds have the whole stated variance each: affine fields,
+    a constant and a slope along each axis; and smooth ones, half of them correlated over the spread of the positions, half over three times
+    that of positions and turns. With half the variance for each, fields of one kind alone would be understated
     (`benchmarks/uneven_fields.py`).
     """
     off = poses[:, :3] - poses[:, :3].mean(axis=0)
@@ -398,17 +399,17 @@ def independent(factors: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Given:
-    """The measurements and what is to be said of how they were come by."""
+    """Measurements and remarks on their origin."""
 
     rows: Measurements
     notes: tuple[Noted, ...] = ()
 
 
 def given(path: Path, joints: Path | None, robot: RobotModel, stated: Stated) -> Given:
-    """Read measurements, of which `stated` says columns and uncertainties; joints: where the joint values stand, None: beside the places.
+    """Read measurements, with columns and uncertainties in `stated`; joints: file of the joint values, None: beside the positions.
 
     A run's rests have the errors of its counts by themselves and those of its calibration, start and zeroing in common. RobotError or
-    FileFormatError says what cannot be read, or does not belong together.
+    FileFormatError names unreadable or contradicting parts.
     """
     columns = dict(stated.columns or {})
     tabular = not path.is_dir() and kind_of(path) in ("table", "parquet")
@@ -431,7 +432,7 @@ def given(path: Path, joints: Path | None, robot: RobotModel, stated: Stated) ->
 
 
 def _trajectory(path: Path, columns: Mapping[str, Column]) -> tuple[Trajectory, ErrorModel | None, list[Noted]]:
-    """A trajectory, its errors where a run tells them, and what it says of itself."""
+    """Return a trajectory, its errors if a run has them, and its remarks."""
     if path.is_dir():
         aligned = align(read_run(path))
         trajectory = reconstruct(aligned, covariances=False)

@@ -185,8 +185,8 @@ def _place(row: FloatArray) -> Place:
 
 @dataclass(frozen=True)
 class Placed:
-    """`RobotModel` of a robot whose own base is at `stand` (7,) of the base that is stated, and the stated flange at `seat` (7,) of its
-    own: forward is stand, the robot's own forward, seat, one after the other."""
+    """`RobotModel` of a robot whose own base is at `stand` (7,) in the stated base, and the stated flange at `seat` (7,) in its own:
+    forward is stand, the robot's own forward, seat, in this order."""
 
     robot: RobotModel
     stand: FloatArray
@@ -246,11 +246,10 @@ TURNS, PLACES = ("rx_deg", "ry_deg", "rz_deg"), ("x_mm", "y_mm", "z_mm")
 
 @dataclass(frozen=True)
 class IdentifiedRobot:
-    """nominal and found: models; base, tool (7,): instrument_from_base, flange_from_target; names (p,) of the unknowns, covariance
-    (p, p) in the units of the names; noise_mm of the robot in each coordinate, NaN where it could not be determined; freedom of that;
-    misfit: factor by which held-out rows lay farther off than stated; turned: whether the target's orientation was measured; seen: the
-    found robot as the program's frames see it, itself where nothing else is stated of these (`stated`); beyond: how places far from the
-    measured poses are widened."""
+    """nominal and found: models; base, tool (7,): instrument_from_base, flange_from_target; names (p,) of the unknowns, covariance (p, p)
+    in the units of the names; noise_mm of the robot in each coordinate, NaN if undetermined; freedom of that; misfit: factor from stated to
+    actual errors of validation rows; turned: whether the target's orientation was measured; seen: the found robot in the program's frames,
+    itself without a statement of these (`stated`); beyond: widening far from the measured poses."""
 
     nominal: RobotModel
     found: RobotModel
@@ -266,8 +265,8 @@ class IdentifiedRobot:
     beyond: Beyond = NOWHERE
 
     def stated(self, base: FloatArray | None, tool: FloatArray | None) -> "IdentifiedRobot":
-        """With where the program's base stands in the instrument's frame, and where the measured target is meant to sit on the flange (7,);
-        None leaves both where they were found. The found robot is then right in the instrument's frame, not only in its own."""
+        """Return it with the program's base in the instrument's frame, and the intended pose (7,) of the measured target on the flange;
+        None keeps the found ones. The found robot is then right in the instrument's frame, not only in its own."""
         here = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
         stand = here if base is None else se3.compose(se3.inverse(base), self.base)
         seat = here

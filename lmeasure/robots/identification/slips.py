@@ -1,8 +1,8 @@
-"""Slips in what is taken for known: a joint that counts the other way, degrees for radians, joints swapped, metres for millimetres.
+"""Slips in the inputs: a joint with the opposite sign, degrees for radians, swapped joints, metres for millimetres.
 
-A robot that is only built inexactly fits its measurements to some millimetres as soon as it is known where it stands. Where it does not,
-each slip that people make is tried: the frames are found again (`initial_frames`), and a slip is named where undoing it makes the misfit
-several times smaller. Two slips are found one after the other.
+A robot that is only built inexactly fits its measurements to some millimetres as soon as its base is known. If it does not, each usual slip
+is tried: the frames are found again (`initial_frames`), and a slip is named if undoing it makes the misfit several times smaller. Two slips
+are found one after the other.
 """
 
 import math
@@ -24,14 +24,14 @@ from lmeasure.text import message
 SUSPECT_MM, SUSPECT_PART = 8.0, 0.004
 """Misfit, absolutely and in parts of how far the measured places spread, from which slips are looked for."""
 CURES = 4.0
-"""Times by which the misfit must shrink for a slip to be named, while one is looked for."""
+"""Factor by which the misfit must shrink for a slip to be named."""
 MOST = 3
 SMALLEST_MM, LARGEST_MM = 50.0, 30_000.0
 """Reach of robots."""
 SPREAD = 0.003, 2.0
-"""Of measured places, in parts of the reach: what a robot can do."""
+"""Possible spread of measured positions, in parts of the reach."""
 ENOUGH = 80
-"""Rows that are tried; more tell nothing more about a slip."""
+"""Rows that are tried; more give no more information about a slip."""
 _Slip = Callable[[Any, Measurements], tuple[Any, Measurements]]
 
 
@@ -101,7 +101,7 @@ def _misfit(robot: AnyRobot, rows: Measurements, seed: int) -> float:
 
 
 def _impossible(robot: AnyRobot, rows: Measurements) -> bool:
-    """Whether the places spread farther than the robot reaches, or hardly at all."""
+    """Return whether the positions spread farther than the robot reaches, or hardly at all."""
     if not rows.placed.any():
         return False
     part = float(np.linalg.norm(rows.position[rows.placed].std(axis=0))) / _size(robot)
@@ -122,12 +122,12 @@ def _swapped(what: str, one: str, other: str) -> Noted:
 
 
 def _units(what: str, unit: str, of: str) -> Noted:
-    """of what: joints, robot or measurements."""
+    """Return the note on the units of joints, robot or measurements."""
     return noted("units", f"units.{what}", of, unit=message(f"unit.{unit}"))
 
 
 def _slips(robot: AnyRobot, rows: Measurements) -> Iterator[tuple[Noted, _Slip]]:
-    """Every slip that is tried, with what is said of it."""
+    """Yield every slip to try, with its note."""
     names, turning, serial = robot.model.joint_names, ~robot.model.sliding, isinstance(robot, Robot)
     at = [i for i, j in enumerate(robot.joint) if j.follows is None] if isinstance(robot, Robot) else []  # joints' own links: others follow
     for name, link in zip(names, at, strict=False):

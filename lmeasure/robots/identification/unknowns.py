@@ -1,14 +1,14 @@
 """Unknowns of an identification, and the dependence of the measurements on them: residuals, their derivatives, priors and names.
 
 The unknowns x are changes from a start: of the robot's freed parameters (rad, mm, from their nominal values), of the base's pose in the
-instrument's frame, of every target's place, and pose where it was measured, on the flange, and of every station's place. Turns are
-rotation vectors applied from the left, about the axes of the frame that the pose leads to. Behind them stand the variables of what the
-instrument errs by in all rows together, of unit variance: what it does to the robot is in the covariance then, whole and with its sign.
+instrument's frame, of every target's position, and pose if measured, on the flange, and of every station's position. Turns are rotation
+vectors applied from the left, about the axes of the frame that the pose leads to. Behind them are the variables of the instrument's common
+errors, of unit variance: their effect on the robot is then in the covariance, complete and with its sign.
 
 For a rotation R of the robot's base in the instrument's frame everything else is linear: R^T y = base_from_flange c + b for a measured
 place y, the target's place c on the flange and b = R^T t; for a measured orientation M likewise R^T M = A X, A that of base_from_flange.
-Projected onto what c, b and X cannot explain, the sum of squares is a quadratic form in the nine entries of R alone. It is minimised over
-rotations from many starts at once, which costs the same whether there are ten rows or a thousand.
+Projected onto the space that c, b and X cannot explain, the sum of squares is a quadratic form in the nine entries of R alone. It is
+minimised over rotations from many starts at once, which costs the same for ten rows or a thousand.
 """
 
 from dataclasses import dataclass, replace
@@ -26,11 +26,11 @@ from lmeasure.text import message
 STARTS = 96
 STEPS = 40
 ARM_MM = 300.0
-"""Length by which an error of orientation is weighed against one of place."""
+"""Lever arm that compares an error of orientation with one of position."""
 LEAST_ROWS = 3
 ROUNDS = 6
 FAR = 6.0
-"""In median deviations: rows beyond it are left out of the next round."""
+"""Median deviations beyond which rows are omitted in the next round."""
 
 
 @dataclass(frozen=True)
@@ -146,8 +146,8 @@ _SKEW = np.array(
 
 
 def _from_lengths(flange: FloatArray, rows: Measurements) -> Frames:
-    """Targets and stations in the robot's own base frame, which no length can tell from another: squares of lengths are linear in c, s and
-    their products, and from there by least squares."""
+    """Return targets and stations in the robot's own base frame, which no length can distinguish from another: squares of lengths are
+    linear in c, s and their products, and the start of least squares."""
     targets, stations = np.zeros((len(rows.targets), 7)), np.zeros((len(rows.stations), 3))
     targets[:, 6] = 1.0
     turn, at, square = se3.matrices(flange), flange[:, :3], rows.length_mm**2
@@ -176,7 +176,7 @@ def _from_lengths(flange: FloatArray, rows: Measurements) -> Frames:
 
 
 def _stations(places: FloatArray, rows: Measurements) -> FloatArray:
-    """(s, 3) [mm] where stations stand whose lengths to known places (N, 3) were measured."""
+    """Return (s, 3) [mm] positions of stations from lengths to known positions (N, 3)."""
     out = np.zeros((len(rows.stations), 3))
     for s in range(len(out)):
         of = rows.ranged & (rows.station_of == s)
@@ -192,7 +192,7 @@ def _stations(places: FloatArray, rows: Measurements) -> FloatArray:
 
 R = TypeVar("R", bound=RobotModel)
 WIDE_MM, WIDE_RAD = 1e5, 1e2
-"""Prior of frames of which nothing is known: too wide to move anything, and enough to leave no equation singular."""
+"""Prior of unknown frames: too wide to move anything, and enough to leave no equation singular."""
 NO_POSE = 1e100
 """Residual of a robot that has no pose at some of the joint values: worse than any that has."""
 _AXES = ("x_mm", "y_mm", "z_mm")
@@ -231,7 +231,7 @@ class Unknowns(Generic[R]):
         measured = rows.placed | rows.ranged
         self.turned: BoolArray = np.array([bool((rows.oriented & (rows.target_of == t)).any()) for t in range(len(rows.targets))])
         self.based = bool(rows.placed.any())
-        """Whether anything tells where the robot stands; lengths alone do not."""
+        """Whether anything determines the robot's base; lengths alone do not."""
         free = len(freed)
         self.base_at = slice(free, free + 6 * self.based)
         at = self.base_at.stop
@@ -293,8 +293,8 @@ class Unknowns(Generic[R]):
         return np.array([*out, *state.stations.reshape(-1), *x[self.asked :]])
 
     def levers(self, rows: Measurements) -> FloatArray:
-        """(N, 6, 6) how the components of rows move with what the robot adds at their stay: a turn, about the mean place of the stay's
-        rows, and a shift (rotation [rad]; position [mm], instrument's axes)."""
+        """Return (N, 6, 6) derivatives of the rows' components by the robot's noise at their stay: a turn, about the mean position of the
+        stay's rows, and a shift (rotation [rad]; position [mm], instrument's axes)."""
         place = self.start.predicted(rows)[:, :3]
         _, of, counts = np.unique(rows.stay, return_inverse=True, return_counts=True)
         middle = np.zeros((len(counts), 3))
@@ -313,7 +313,7 @@ class Unknowns(Generic[R]):
         return self.linearised(x, rows)[0]
 
     def linearised(self, x: FloatArray, rows: Measurements | None = None) -> tuple[FloatArray, FloatArray]:
-        """(N, 6) residuals and (N, 6, p) derivatives of what is predicted, negative ones of the residuals."""
+        """Return (N, 6) residuals and (N, 6, p) derivatives of the prediction, the negative ones of the residuals."""
         rows = self.rows if rows is None else rows
         state = self.state(x)
         flange, _, twists = state.robot.derivatives(rows.joints, rows.side, self.freed)

@@ -36,9 +36,9 @@ PARAMETERS = 7
 ITERATIONS = 200
 NEWTON = 500
 SETTLED = 1e-14
-"""Of the sum of squares: a start whose next step promises to gain less has arrived."""
+"""Part of the sum of squares: a start whose next step would gain less has converged."""
 EXACT = 1e-11
-"""Of the farthest point: links that miss every pose by less take all of them exactly."""
+"""Part of the farthest point: links with smaller misses at every pose fit all of them exactly."""
 OPEN: dict[str, tuple[int, ...]] = {
     "point on a line": (2,),
     "line in a plane": (3,),
@@ -145,11 +145,11 @@ def all_fitted(poses: FloatArray, reach: float, starts: int, seed: int = 0, *, p
 def minimax(
     poses: FloatArray, links: tuple[FloatArray, FloatArray, FloatArray], free: str = "", progress: Callable[[float], None] = _silent
 ) -> Minimax:
-    """Links (m, 3), (m, 3), (m,) whose largest miss of poses (n, 7) is least near a start; free: a kind of `OPEN` whose coordinates of each
-    pose are open, empty for none.
+    """Return links (m, 3), (m, 3), (m,) whose largest miss of poses (n, 7) is least near a start; free: a kind of `OPEN` whose coordinates
+    of each pose are open, empty for none.
 
-    One linear program per step: the least t with |d + gradient . step| <= t and |step| <= radius; the radius grows with what the
-    linear model foretold well and shrinks with what it did not.
+    One linear program per step: the least t with |d + gradient . step| <= t and |step| <= radius; the radius grows if the linear model
+    predicted the step well and shrinks if it did not.
     """
     anchors, points, lengths = links
     n, m, open_ = len(poses), len(anchors), list(OPEN[free]) if free else []

@@ -1,4 +1,4 @@
-"""A parallel robot as robot.toml states it: its legs, a pose near which it works, and what its joints and carriages allow."""
+"""A parallel robot of a robot.toml: its legs, a pose near which it works, and the limits of its joints and carriages."""
 
 from dataclasses import replace
 from typing import Annotated, Any, Literal, Self
@@ -14,7 +14,7 @@ from lmeasure.robots.parallel.model import COMPONENTS, EQUATIONS, Parallel, near
 from lmeasure.text import message
 
 NEAR_HOME = 0.2
-"""Of the platform's size: how far the pose may lie from the stated home in which the legs meet."""
+"""Largest distance of the pose at which the legs meet from the stated home, as a part of the platform's size."""
 SINGULAR = 1e-6
 Point = tuple[Length, Length, Length]
 Positive = Annotated[Length, Field(gt=0.0)]
@@ -345,5 +345,5 @@ class ParallelFile(Strict):
         return data
 
     def with_values(self, values: dict[str, float]) -> Self:
-        """With values of its parameters by name, such as `leg_1.rod_mm`."""
+        """Return it with values of its parameters by name, such as `leg_1.rod_mm`."""
         return self.model_copy(update={"leg": legs_with(self.leg, values)})

@@ -1,9 +1,9 @@
-"""Legs of a parallel robot by kinds: where a leg begins and how long it is at its drives, and the drives for a place of its upper end.
+"""Legs of a parallel robot by kinds: a leg's lower end and length at its drives, and the drives for a position of its upper end.
 
-A leg's equation is |a - c| = l with a the point on the platform, c the lower end and l the length, or n . (a - c) = l where something holds
-a in a plane. What a kind states is one function of its values and drives, made of sums, products, sines and cosines alone: derivatives are
-those of complex steps (Squire and Trapp, SIAM Review 40, 1998), exact to the last digits, and no formula is written twice. Angles are rad,
-lengths mm; u is a carriage's azimuth, r = (cos u, sin u, 0) its direction outwards and t = (-sin u, cos u, 0) the one along the guide.
+A leg's equation is |a - c| = l with a the point on the platform, c the lower end and l the length, or n . (a - c) = l if a is kept in a
+plane. A kind is one function of its values and drives, made of sums, products, sines and cosines alone: derivatives are those of complex
+steps (Squire and Trapp, SIAM Review 40, 1998), exact to the last digits, and no formula is written twice. Angles are rad, lengths mm; u is
+a carriage's azimuth, r = (cos u, sin u, 0) its direction outwards and t = (-sin u, cos u, 0) the one along the guide.
 
     strut     l = scale q + offset, c fixed: a hexapod's leg
     rod       c and l fixed
@@ -16,8 +16,8 @@ lengths mm; u is a carriage's azimuth, r = (cos u, sin u, 0) its direction outwa
     plane     a stays at a height: three of them make a platform planar
     way       a stays in the plane across a way of its own, a drive away: what moves a guide of one freedom along (source 004)
 
-Five equations |R B_j + o - A_j| = l_j leave a pose one freedom. Its way is followed by arc length, |ds|^2 = |do|^2 + (size |omega|)^2: a
-single coordinate is a bad driver where it stops, as the turn phi about the body's axis does between poses 5 and 6 of the source. Angles
+Five equations |R B_j + o - A_j| = l_j leave a pose one freedom. Its path is followed by arc length, |ds|^2 = |do|^2 + (size |omega|)^2: a
+single coordinate is a bad parameter where it stops, as the turn phi about the body's axis does between poses 5 and 6 of the source. Angles
 there are R = Rz(psi) Rx(theta) Rz(phi), unique among all orders and signs for its tables.
 """
 
@@ -36,7 +36,7 @@ from lmeasure.robots.model import Parameter
 from lmeasure.text import message
 
 STEP = 1e-30
-"""Of complex steps: its square is nothing."""
+"""Step of complex derivatives: its square is negligible."""
 
 
 class Equation(NamedTuple):
@@ -50,7 +50,7 @@ class Equation(NamedTuple):
 Values: TypeAlias = Any
 """(k,) of a leg's keys, real or complex."""
 Equations = Callable[[Values, Any, Any], list[Equation]]
-"""Of values, drives (N, d), and what the leg carries besides."""
+"""Equations from values, drives (N, d), and further data of the leg."""
 Roots = Callable[[Values, FloatArray, Any], FloatArray]
 """(N, roots, d) drives that take the upper end to places (N, 3); NaN where there are none."""
 
@@ -246,17 +246,17 @@ KINDS: dict[str, Kind] = {
     "plane": Kind(("height_mm",), (), _plane, _nothing),
     "way": Kind(("way_offset_mm",), (SLIDES,), _way, _way_roots),
 }
-"""By the `type` of a robot.toml's `[[leg]]`."""
+"""Kinds by the `type` of a robot.toml's `[[leg]]`."""
 
 
 WIDTHS = {"mm": 3.0, "deg": 0.5, "": 0.003}
-"""What values of legs may be off by, as standard uncertainties: wider than those of any that is built."""
+"""Possible errors of legs' values, as standard uncertainties: wider than those of any real leg."""
 
 
 @dataclass(frozen=True)
 class Leg:
     """name, kind: of `KINDS`; point (3,) on the platform [mm]; values (k,) of the kind's keys, mm and rad; low, high (d,) limits of its
-    drives; carried: what its kind needs besides."""
+    drives; carried: further data of its kind."""
 
     name: str
     kind: str
@@ -268,7 +268,7 @@ class Leg:
 
     @property
     def of(self) -> Kind:
-        """Return what its kind does."""
+        """Return its kind."""
         return KINDS[self.kind]
 
     @property
@@ -283,11 +283,11 @@ class Leg:
         return tuple(out)
 
     def moved(self, change: FloatArray) -> Self:
-        """With (3 + k,) added to its point and values."""
+        """Return it with (3 + k,) added to its point and values."""
         return replace(self, point=self.point + change[:3], values=self.values + change[3:])
 
     def equations(self, drives: FloatArray) -> list[Equation]:
-        """At drives (N, d)."""
+        """Return its equations at drives (N, d)."""
         return self.of.equations(self.values, drives, self.carried)
 
     def derivatives(self, drives: FloatArray) -> list[tuple[Equation, bool]]:
@@ -309,10 +309,10 @@ def _imaginary(equation: Equation) -> Equation:
 RODS = 5
 MOST_STEPS = 2000
 LEAST_PART = 0.02
-"""Of a step: least that the point moves in it."""
+"""Least motion of the point in a step, as a part of it."""
 ITERATIONS = 50
 CLOSES = 1e-12
-"""Of the longest link: how well loops close."""
+"""Closing error of loops, as a part of the longest link."""
 
 
 @dataclass(frozen=True)
@@ -325,7 +325,7 @@ class SevenLink:
 
     @property
     def size(self) -> float:
-        """The largest distance of a point from the body's origin: what a radian is worth."""
+        """Return the largest distance of a point from the body's origin, the lever arm of a radian."""
         return float(max(np.linalg.norm(self.points, axis=1).max(), 1e-9 * self.lengths.max()))
 
     def residuals(self, poses: FloatArray) -> FloatArray:
@@ -392,7 +392,7 @@ class Driver:
 
 
 Rods = tuple[tuple[tuple[float, ...], tuple[float, ...], float], ...]
-"""Of each its lower end in the base, its upper one on the body, and its length [mm]."""
+"""Rods: the lower end in the base, the upper one on the body, and the length [mm]."""
 
 
 @lru_cache(maxsize=8)

@@ -13,7 +13,7 @@ from lmeasure.robots.parallel.model import EQUATIONS, Parallel, Rows, nearness
 
 RING = ("carriage", "radial", "radial-arm")
 STEPS = 200
-"""In which a range is searched, each way."""
+"""Steps in which a range is searched, each way."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Checks:
 
 
 def checked(robot: Parallel, limits: Limits, poses: FloatArray) -> Checks:
-    """Which limits poses (N, 7) keep, each leg at the root that it has at home."""
+    """Return the limits that poses (N, 7) keep, each leg at the root that it has at home."""
     drives = own_roots(robot, poses)
     reached = np.asarray(np.isfinite(drives).all(axis=1))
     safe, there = np.where(reached[:, None], drives, robot.home_joints), np.where(reached[:, None], poses, robot.home)
@@ -81,8 +81,8 @@ def checked(robot: Parallel, limits: Limits, poses: FloatArray) -> Checks:
 
 
 def ranges(inside: Callable[[FloatArray], BoolArray], home: FloatArray, most: FloatArray) -> FloatArray:
-    """(6, 2) least and largest displacement (turns about the base's axes [rad], shifts [mm]) from the pose home (7,), one coordinate at
-    a time, without leaving what is inside on the way; searched to +-most (6,) in `STEPS` steps each way. Zeros where home is outside."""
+    """Return (6, 2) least and largest displacement (turns about the base's axes [rad], shifts [mm]) from the pose home (7,), one coordinate
+    at a time, without leaving the inside on the path; searched to +-most (6,) in `STEPS` steps each way. Zeros where home is outside."""
     out = np.zeros((6, 2))
     for axis in range(6):
         for way, sign in enumerate((-1.0, 1.0)):
@@ -168,7 +168,7 @@ def _output(rows: Rows, poses: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class PathLimits:
-    """Limits of a mechanism with six joints as smooth functions of its pose, positive where they are kept: what a path is led around."""
+    """Limits of a mechanism with six joints as smooth functions of its pose, positive if kept, for the detours of a path."""
 
     robot: Parallel
     limits: Limits
@@ -250,8 +250,8 @@ def _gaps(robot: Parallel, limits: Limits, drives: FloatArray) -> BoolArray:
 
 
 def _gap_angles(robot: Parallel, drives: FloatArray) -> FloatArray | None:
-    """(N, k) [deg] from each carriage to the next round the guide, in the order in which they stand at home, however the legs are listed;
-    None of fewer than two."""
+    """Return (N, k) [deg] from each carriage to the next round the guide, in their order at home, however the legs are listed; None for
+    fewer than two."""
     first = np.cumsum([0, *(len(leg.of.drives) for leg in robot.legs)])
     at = [int(j) for j, leg in zip(first, robot.legs, strict=False) if leg.kind in RING]
     if len(at) < 2:

@@ -6,18 +6,18 @@ With the unit direction d of an equation, a leg's or a plane's normal, and a twi
 
 for changes db of the point on the platform and dc, dn, dl of the leg: all derivatives follow from the six rows on the left. The pose of
 joint values is the one that is reached from home by driving the joints there steadily, through no singular pose: no other assembly. The
-way is gone in strides, and what has no poses for less than a stride is stepped over; in workspaces of the mechanisms that come along
-ways a twentieth as long came to the same poses, all of them (`tests/robots/test_laws_over_workspaces.py`).
+path is taken in strides, and gaps shorter than a stride are skipped. In workspaces of the shipped mechanisms, strides a twentieth as long
+led to the same poses, all of them (`tests/robots/test_laws_over_workspaces.py`).
 
-An identification of all legs together begins with each by itself (`legs_at`). At a pose that was measured a leg's equation holds no other
-leg, as that of an SS dyad does (source 004): its point on the platform, its lower end and its length are fitted to the poses alone,
-without the forward problem, which a robot far from its drawing may not even have. A dyad's sphere is a carriage's, a crank's or a strut's
-surface here, moved by its joint; all is least squares from the nominal values, held by what these may be off by.
+An identification of all legs together begins with each by itself (`legs_at`). At a measured pose a leg's equation contains no other leg,
+like that of an SS dyad (source 004): its point on the platform, its lower end and its length are fitted to the poses alone, without the
+forward problem, which a robot far from its nominal dimensions may not even have. A dyad's sphere is a carriage's, a crank's or a strut's
+surface here, moved by its joint; all is least squares from the nominal values, with their uncertainties as priors.
 
 A x' + B q' = 0 with A = dF/dx (m, f) and B = dF/dq (m, n). Where B loses rank a drive is at a dead point and the output at a limit (type
-1); where A does, the output moves although the drives stand (type 2); both at once is type 3 (Gosselin and Angeles, Singularity analysis
-of closed-loop kinematic chains, IEEE Transactions on Robotics and Automation 6, 1990). A determinant has the units of its columns and
-says nothing of how near it is: rank is judged by singular values of matrices whose rows are of length one in stated units.
+1); where A does, the output moves although the drives are fixed (type 2); both at once is type 3 (Gosselin and Angeles, Singularity
+analysis of closed-loop kinematic chains, IEEE Transactions on Robotics and Automation 6, 1990). A determinant has the units of its columns
+and does not measure the distance: rank is judged by singular values of matrices whose rows are of length one in stated units.
 """
 
 from collections.abc import Mapping
@@ -40,7 +40,7 @@ NEARLY_SINGULAR = 1e-6
 
 
 class Singular(IntFlag):
-    """Which Jacobians are singular: `OUTPUT` alone is type 2, `DRIVES` alone type 1, both type 3."""
+    """Singular Jacobians: `OUTPUT` alone is type 2, `DRIVES` alone type 1, both type 3."""
 
     NO = 0
     DRIVES = 1
@@ -89,19 +89,19 @@ MOST_PARTS = 400
 BLOCK = 50_000
 """Parts of ways that are gone together: some 20 MB of equations."""
 NEAR = 0.05
-"""Of the platform's size: how far a robot hardly different stands from where another did at the same joint values."""
+"""Largest distance between the poses of two hardly different robots at the same joint values, as a part of the platform's size."""
 REACHED_MM = 1e-6
-"""By how much a pose may be off that joint values of the inverse take the platform to."""
+"""Largest error of a pose for the joint values of the inverse."""
 MOST_RAD = np.pi / 2.0
 """Between samples of a followed path: a joint that turns farther has jumped."""
 COMPONENTS = ("rx", "ry", "rz", "x", "y", "z")
-"""Of a displacement: turns about the platform's axes, shifts along the base's."""
+"""Components of a displacement: turns about the platform's axes, shifts along the base's."""
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Legs at n poses: directions (n, 6, 3), places on the platform (n, 6, 3) and what reaches to them (n, 6, 3) from the lower ends, base
-    axes; pluecker (n, 6, 6) rows (moment; direction) at the base's origin."""
+    """Legs at n poses: directions (n, 6, 3), points on the platform (n, 6, 3) and vectors to them (n, 6, 3) from the lower ends, base axes;
+    pluecker (n, 6, 6) rows (moment; direction) at the base's origin."""
 
     directions: FloatArray
     places: FloatArray
@@ -109,7 +109,7 @@ class Rows:
 
     @property
     def pluecker(self) -> FloatArray:
-        """The left side of what derivatives follow from."""
+        """Return the left side of the equation of derivatives."""
         return np.concatenate([np.cross(self.places, self.directions), self.directions], axis=-1)
 
 
@@ -158,7 +158,7 @@ class Parallel:
 
     @cached_property
     def size_mm(self) -> float:
-        """Return the size of the platform [mm]: what a turn by a radian moves."""
+        """Return the size of the platform [mm], the lever arm of a radian."""
         points = np.array([leg.point for leg in self.legs])
         return max(float(np.linalg.norm(points - points.mean(axis=0), axis=1).max()), 1.0)
 
@@ -219,8 +219,8 @@ class Parallel:
         return poses, good
 
     def beside(self, joints: FloatArray, starts: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Poses (N, 7) at joint values (N, n) found from poses starts (N, 7) where they stood a moment before, and whether they are of the
-        same assembly (N,): not far from there, and on the side of singular poses where home is, beyond which the nearest other one lies."""
+        """Return poses (N, 7) at joint values (N, n) found from poses starts (N, 7) of a moment before, and whether they are of the same
+        assembly (N,): not far from there, and on home's side of singular poses, beyond which the nearest other one lies."""
         near, closed = self.near(joints, starts)
         here = np.where(closed[:, None], near, starts)
         away = np.abs(se3.displacement(here, starts) / self.units).max(axis=1)
@@ -261,7 +261,7 @@ class Parallel:
         return np.asarray(np.einsum("nic,nic->ni", rows.directions, rows.spans) - lengths)
 
     def rows(self, poses: FloatArray, drives: FloatArray) -> Rows:
-        """At poses (N, 7) and drives (N, n)."""
+        """Return the legs at poses (N, 7) and drives (N, n)."""
         equations = self._equations(drives)
         ends, normals = (np.stack(part, axis=1) for part in list(zip(*equations, strict=True))[::2])
         points = np.array([self.legs[i].point for i in self.owners])
@@ -314,8 +314,8 @@ class Parallel:
         return np.asarray(every[off < REACHED_MM])
 
     def roots(self, poses: FloatArray) -> list[FloatArray]:
-        """Return, for each leg, (N, roots, d) drives that take its upper end to where poses (N, 7) have it; what legs without drives allow
-        is not looked at."""
+        """Return, for each leg, (N, roots, d) drives that take its upper end to poses (N, 7); limits of legs without drives are not
+        checked."""
         turn = se3.matrices(poses)
         return [leg.of.roots(leg.values, poses[:, :3] + turn @ leg.point, leg.carried) for leg in self.legs]
 
@@ -398,7 +398,8 @@ class Parallel:
         return out
 
     def _held(self, drives: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Points (6, 3) on the platform, and what holds them at drives (N, n): ends (N, 6, 3), lengths (N, 6), normals (N, 6, 3)."""
+        """Return points (6, 3) on the platform, and their constraints at drives (N, n): ends (N, 6, 3), lengths (N, 6), normals (N, 6,
+        3)."""
         ends, lengths, normals = (np.stack(part, axis=1) for part in zip(*self._equations(drives), strict=True))
         return np.array([self.legs[i].point for i in self.owners]), ends, lengths, normals
 
@@ -429,7 +430,7 @@ class Parallel:
 
 
 U_MM = 0.1
-"""Of an equation, by the measured pose, that a value's own uncertainty is weighed against."""
+"""Standard uncertainty of an equation by the measured pose, as the scale for a value's own."""
 ROUNDS = 12
 SETTLED = 1e-6
 HELD = 1e-12

@@ -42,11 +42,11 @@ class Workspace(NamedTuple):
 
     @property
     def size(self) -> tuple[str, float]:
-        """Nodes inside times the cell of the grid, and what it is: `volume_mm3`, `area_mm2` or `length_mm`."""
+        """Return the nodes inside times the cell of the grid, and its name: `volume_mm3`, `area_mm2` or `length_mm`."""
         return self.size_of(self.inside)
 
     def size_of(self, inside: BoolArray) -> tuple[str, float]:
-        """As `size`, of other nodes (len(x), len(y), len(z))."""
+        """Return `size` for other nodes (len(x), len(y), len(z))."""
         steps = [float(a[1] - a[0]) for a in self[:3] if len(a) > 1]
         return SIZES[len(steps)], float(inside.sum() * np.prod(steps))
 
@@ -91,8 +91,8 @@ class Turns:
 
 
 def described(file: ParallelFile, pose: FloatArray | None = None) -> dict[str, Any]:
-    """What the mechanism is, and what it does at a pose (7,), by default home: joints, how near a singular pose, ranges, turns of legs on
-    Hooke joints. GeometryError where it cannot be there."""
+    """Describe the mechanism at a pose (7,), by default home: joints, distance from a singular pose, ranges, turns of legs on Hooke joints.
+    GeometryError if it cannot be there."""
     robot = file.model
     at = robot.home if pose is None else robot.nearest(pose[None])[0]
     joints = own_roots(robot, at[None])
@@ -162,8 +162,8 @@ def mobility_of(file: ParallelFile) -> dict[str, Any]:
 
 
 def _rates(file: ParallelFile, jacobians: Jacobians) -> dict[str, Any]:
-    """A, B and V of a pose, displacements (turn [rad]; shift of the platform's origin [mm]), drives in rad or mm; what the drives' steps
-    make of the pose."""
+    """Return A, B and V of a pose, displacements (turn [rad]; shift of the platform's origin [mm]), drives in rad or mm; and the pose's
+    change by the drives' steps."""
     V = velocities(Jacobians(jacobians.output[0], jacobians.drives[0]))
     out: dict[str, Any] = {"A": jacobians.output[0].tolist(), "B": jacobians.drives[0].tolist()}
     out["V"] = V.tolist() if np.isfinite(V).all() else None
@@ -195,10 +195,10 @@ def over_grid(
     *,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Grid:
-    """The workspace over places at an orientation (4,) and those beside it: places where the platform may be at one of them.
+    """Return the workspace over positions at an orientation (4,) and its neighbours: positions that the platform reaches at one of them.
 
-    A robot of fewer than six freedoms is asked for the coordinates that it is commanded in, and its places are those in whose cell it then
-    stands. GeometryError for too many places.
+    A robot of fewer than six freedoms is given its commanded coordinates, and its positions are the cells that it then reaches.
+    GeometryError for too many positions.
     """
     robot = file.model
     _countable(axes)
@@ -239,7 +239,7 @@ def _cells(file: ParallelFile, axes: tuple[FloatArray, ...], poses: FloatArray) 
 
 
 def _step(axis: FloatArray) -> float:
-    """Of an axis with one node 1 mm."""
+    """Return the step of an axis, 1 mm with one node."""
     return float(axis[1] - axis[0]) if len(axis) > 1 else 1.0
 
 
@@ -261,10 +261,10 @@ def over_drives(
     *,
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[Grid, FloatArray, FloatArray]:
-    """The workspace by enumerating the drives (source 003, figure 7): each at so many values between its limits, and the places in whose
-    cells the platform then stands; with it the joint values (k, n) and poses (k, 7) that keep every limit.
+    """Return the workspace by enumerating the drives (source 003, figure 7): each at so many values between its limits, and the cells that
+    the platform then reaches; with it the joint values (k, n) and poses (k, 7) that keep every limit.
 
-    GeometryError for too many places or values.
+    GeometryError for too many positions or values.
     """
     robot = file.model
     _countable(axes)
@@ -313,7 +313,7 @@ def _ended_by(file: ParallelFile, found: Workspace, orientation: FloatArray) -> 
 
 
 def leg_turns(file: ParallelFile, pose: FloatArray) -> dict[str, float]:
-    """[deg] by which legs between Hooke joints turn about themselves at a pose (7,), signed."""
+    """Return [deg] by which legs between Hooke joints turn about themselves at a pose (7,), signed."""
     robot = file.model
     joints = hooke_joints(robot, file.limits)
     if joints is None:
@@ -392,8 +392,8 @@ ROUND = 120
 
 @dataclass(frozen=True)
 class Drawn:
-    """Strips (k, 3) [mm]: base: guides and the outline of what stands still; arms: cranks and lower arms; legs; platform, closed; hinges
-    (m, 3) on it, by names."""
+    """Strips (k, 3) [mm]: base: guides and the outline of fixed parts; arms: cranks and lower arms; legs; platform, closed; hinges (m, 3)
+    on it, by names."""
 
     base: list[FloatArray]
     arms: list[FloatArray]
@@ -404,7 +404,7 @@ class Drawn:
 
 
 def drawn(file: ParallelFile, pose: FloatArray) -> Drawn:
-    """At a pose (7,) in the base's frame."""
+    """Return the drawing at a pose (7,) in the base's frame."""
     robot = file.model
     joints = np.split(own_roots(robot, pose[None])[0], np.cumsum([len(leg.of.drives) for leg in robot.legs])[:-1])
     base: list[FloatArray] = []
@@ -440,7 +440,7 @@ def drawn(file: ParallelFile, pose: FloatArray) -> Drawn:
 
 
 def _foot(leg: Leg, q: FloatArray) -> FloatArray | None:
-    """Where an arm or a crank before the leg begins; None where there is none."""
+    """Return the beginning of an arm or a crank before the leg; None without one."""
     if leg.kind == "crank":
         return leg.values[:3]
     if leg.kind == "radial-arm":
