@@ -1,5 +1,5 @@
-"""Physical effects on a rig's cables, what its keys mean for lengths and how uncertain that is: temperature, stretch and sag, and parts
-that are not as drawn (`sensors.imperfect_parts`)."""
+"""Physical effects on a rig's cables, with their keys, effects on lengths and uncertainties: temperature, stretch, sag, and imperfect parts
+(`sensors.imperfect_parts`)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ _EXPANSIONS = [kernels.CABLE_EXPANSION, kernels.DRUM_EXPANSION, kernels.FRAME_EX
 
 @dataclass(frozen=True)
 class Zero:
-    """Where the equations of m cables start: pose (m, 7), true count (m,) and temperature (m,) [deg C]."""
+    """Zero of the equations of m cables: pose (m, 7), true count (m,) and temperature (m,) [deg C]."""
 
     poses: FloatArray
     counts: FloatArray
@@ -50,19 +50,19 @@ class Effects:
 
     @property
     def physical(self) -> bool:
-        """Whether temperature, tension or weight has an effect."""
+        """Return whether temperature, tension or weight has an effect."""
         return bool(self.rows[:, [*_EXPANSIONS, kernels.COMPLIANCE, kernels.WEIGHT]].any())
 
     @property
     def thermal(self) -> bool:
-        """Whether temperature has an effect."""
+        """Return whether temperature has an effect."""
         return bool(self.rows[:, _EXPANSIONS].any())
 
     def excess(self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray, *, temperature_c: FloatArray) -> FloatArray:
-        """(n, m) what the effects add to modelled less measured changes [mm], at (n, 7) poses, true counts and temperatures (n, m).
+        """Return the (n, m) effects on modelled minus measured changes [mm], at (n, 7) poses, true counts and temperatures (n, m).
 
         F(P) - F(P0) + excess = D(k) - D(k0) with F and D of `kernels.cable` for cable_rows (m, columns). NaN where pose or count is NaN and
-        where a cable cannot run or carries no tension.
+        if a cable cannot run or carries no tension.
         """
         if not self.physical:
             assert self.parts is not None
@@ -113,8 +113,8 @@ class Effects:
         return (at(u, 0.0) - at(-u, 0.0)) / 2.0, (at(0.0, u) - at(0.0, -u)) / 2.0
 
     def tension_shift(self, cable_rows: FloatArray, poses: FloatArray) -> FloatArray | None:
-        """(n, m) how much longer each free cable is when its tension is one standard uncertainty more than the drum's law says; it is
-        another error at each cable and, as friction turns with the direction of travel, at each stop."""
+        """Return the (n, m) extra length of each free cable if its tension is one standard uncertainty above the drum's law. It is another
+        error at each cable and at each stop, as friction turns with the direction of motion."""
         per_mm = self.u_tension_change_n * self.rows[:, kernels.COMPLIANCE]
         if not per_mm.any():
             return None
@@ -123,7 +123,7 @@ class Effects:
 
 
 def effects_of(rig: Rig, cables: tuple[Cable, ...] | None = None, *, with_parts: bool = True) -> Effects | None:
-    """The effects that a rig's keys state for the given cables, default all, those of parts left out if asked; None when it states none."""
+    """Return the effects that a rig's keys state for the given cables, default all; None without any."""
     chosen = rig.cable if cables is None else cables
     drums = [rig.point(c.from_point).drum for c in chosen]
     rows = np.array([_row(drum, rig) for drum in drums]).reshape(len(chosen), kernels.EFFECT_COLUMNS)
@@ -160,7 +160,7 @@ def _row(drum: Drum, rig: Rig) -> list[float]:
 
 
 def _ranges(drum: Drum) -> Iterator[tuple[int, float, float]]:
-    """(column, value less u, value plus u) of what is uncertain."""
+    """Yield (column, value minus u, value plus u) of uncertain values."""
     if drum.cable_expansion_per_k is not None and drum.u_cable_expansion_per_k:
         u = drum.u_cable_expansion_per_k
         yield kernels.CABLE_EXPANSION, drum.cable_expansion_per_k - u, drum.cable_expansion_per_k + u

@@ -17,11 +17,11 @@ from lmeasure.sensors.stated_errors import cable_covariance
 class Channels(Shown):
     """The m channels of an instrument, cables first: lengths [mm] and angles [rad].
 
-    Every array has an entry for each channel. Whatever a stage asks of a kind of sensor is a column here.
+    Every array has an entry for each channel. Every property of a kind of sensor that a stage uses is a column here.
     """
 
     names: tuple[str, ...]
-    """As results call them."""
+    """Names in results."""
     columns: tuple[str, ...]
     """Their columns in counts files."""
     kinds: tuple[str, ...]
@@ -45,7 +45,7 @@ class Channels(Shown):
     parameters: tuple[tuple[str, ...], ...]
     """Names of the kernels' 13 parameters in a calibration record, empty where a channel does not have one."""
     root: FloatArray
-    """(13 m, r) square root of the parameters' covariance [mm, rad]: what the record says, and what the rig states beside it."""
+    """(13 m, r) square root of the parameters' covariance [mm, rad], from the record and from the rig's other statements."""
 
     @classmethod
     def of_rig(

@@ -77,15 +77,15 @@ class Acted(NamedTuple):
 
     @property
     def drum(self) -> Drum:
-        """Return what pays it out."""
+        """Return the drum of the cable."""
         return drum_of(self.row)
 
 
 @dataclass(frozen=True)
 class CableEffect:
-    """A kind of error. key: the rig's key that states it; text: its name, and code: the name's in the catalogues; of: the stated value of
-    which a typical size is a share; parameter: its name in a calibration, if that can solve it; adds: what one unit of each of its
-    components adds to F(P) - D(k), (n, components) [mm], None of play, which depends on the direction of travel."""
+    """A kind of error. key: the rig's key that states it; text: its name, and code: the name's in the catalogues; of: the stated value for
+    a relative typical size; parameter: its name in a calibration, if that can solve it; adds: effect of one unit of each of its components
+    on F(P) - D(k), (n, components) [mm], None for play, which depends on the direction of travel."""
 
     key: str
     text: str
@@ -127,7 +127,8 @@ def _of_oversize(at: Acted) -> FloatArray:
 
 
 def thicker(turn_mm: ArrayLike, pitch_mm: ArrayLike, over: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """How much longer a turn is on drums (...) of such pitches, with turn_mm of cable in it, of cables thicker by over; derivative."""
+    """Return the extra length of a turn on drums (...) of such pitches, with turn_mm of cable in it, for cables thicker by over; and its
+    derivative."""
     turn, pitch, half = (np.asarray(v, dtype=np.float64) for v in (turn_mm, pitch_mm, 0.5 * np.asarray(over)))
     r = np.sqrt(turn**2 - pitch**2) / (2.0 * np.pi)
     # a difference of two lengths would lose the digits of a small one
@@ -152,14 +153,14 @@ FRICTION = CableEffect("u_friction_counts", "friction", "friction")
 DIMENSIONS = (COUNT_LENGTH, PITCH, ATTACHMENT)
 """Dimensions of the rig, the same in every run and calibration."""
 OTHERS = (RUN_OUT, ECCENTRICITY, BACKLASH, FRICTION, OFFSET, OVERSIZE)
-"""Effects that depend on how drum and pulley stand and which way they turned, and what only a rig that states it has."""
+"""Effects that depend on the angles of drum and pulley and their direction, and effects without a typical size."""
 EFFECTS = (COUNT_LENGTH, PITCH, RUN_OUT, ECCENTRICITY, ATTACHMENT, BACKLASH, FRICTION, OFFSET)
 """Effects with a typical size if nobody states it."""
 STATED = (*EFFECTS, OVERSIZE)  # Effects that a rig may state to be uncertain
 
 
 PART_RUN_OUT, PART_ECCENTRICITY, PART_OFFSET, PART_OVERSIZE, PLAY = slice(0, 2), slice(2, 4), 4, 5, 6
-"""Where each stands among `FURTHER`."""
+"""Index of each among `FURTHER`."""
 Zeroed = tuple[FloatArray, FloatArray]  # Poses (m, 7) at which counting began, and the counts (m,) there
 
 
@@ -177,9 +178,8 @@ class Added(NamedTuple):
 
 @dataclass(frozen=True)
 class Parts:
-    """Those of m cables: values (m, 7) of `parameters.FURTHER`, mm and counts; phase_mm (m,) what they are stated at, NaN where that is
-    where the counter was zeroed; scales (m,) of the counters; pulleys: whether derivatives by those of pulleys are asked for where all
-    are 0."""
+    """Imperfect parts of m cables: values (m, 7) of `parameters.FURTHER`, mm and counts; phase_mm (m,) the length at which they are stated,
+    NaN for that at zeroing; scales (m,) of the counters; pulleys: whether derivatives by those of pulleys are needed even if all are 0."""
 
     values: FloatArray
     phase_mm: FloatArray
@@ -187,8 +187,9 @@ class Parts:
     pulleys: bool = True
 
     def excess(self, rows: FloatArray, zero: Zeroed, poses: FloatArray, counts: FloatArray) -> FloatArray:
-        """(n, m) what they add to modelled less measured changes [mm], for the kernels' rows (m, columns), at (n, 7) poses and true counts
-        (n, m) that are free of play, zeroed at poses (m, 7) with counts (m,). NaN where pose or count is NaN, or a cable cannot run."""
+        """Return the (n, m) effects on modelled minus measured changes [mm], for the kernels' rows (m, columns), at (n, 7) poses and true
+        counts (n, m) that are free of play, zeroed at poses (m, 7) with counts (m,). NaN where pose or count is NaN, or a cable cannot
+        run."""
         known: BoolArray = np.isfinite(poses[:, 0])
         there, begun = self.added(rows, zero, poses[known], counts[known], travel=np.zeros(counts[known].shape))
         return _where(known, there.mm - begun.mm)
@@ -204,7 +205,8 @@ class Parts:
         return _where(known, there.by_values - begun.by_values if since else there.by_values)
 
     def added(self, rows: FloatArray, zero: Zeroed, poses: FloatArray, counts: FloatArray, *, travel: FloatArray) -> tuple[Added, Added]:
-        """Return what they add at (n, 7) poses, with counts (n, m) that have the play of travel (n, m), and (1, m) where counting began."""
+        """Return the effects at (n, 7) poses, with counts (n, m) that have the play of travel (n, m), and (1, m) at the start of
+        counting."""
         way = poses[:, None, :3] + arms(rows, poses) - rows[:, kernels.BASE_XYZ]
         begun, passed = self._begun(rows, zero)
         k0 = zero[1][None]
@@ -334,8 +336,8 @@ def every_part(rig: Rig, cables: tuple[Cable, ...]) -> Parts:
 
 
 def phased(rig: Rig, names: tuple[str, ...], poses: FloatArray, cables: tuple[Cable, ...]) -> Rig:
-    """The rig with a `phase_length_mm` at all points of which something named turns: if it states none, about the cable that is out where
-    the counters are zeroed, at poses (m, 7), in whole millimetres."""
+    """Return the rig with a `phase_length_mm` at all points with named rotating parts. If it states none, it is about the cable length at
+    zeroing, at poses (m, 7), in whole millimetres."""
     asked = {owner for owner, _, key in (name.rpartition(".") for name in names) if key in PHASED}
     lengths: dict[str, float] = {}
     for row, pose, c in zip(rig.cable_rows(cables), poses, cables, strict=True):

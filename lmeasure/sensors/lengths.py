@@ -1,8 +1,8 @@
 """Changes of the free cables, from recorded counts: signs, wraps and drums undone, passes brought to one time base.
 
-An incremental counter that is set to zero shows 0 wherever within a count it stands: recorded = round(count_sign * scale * k + phase), the
-phase uniform within half a recorded count. It is one draw for all rows until the counter is zeroed again (`Rig.zeroings`); a drum may state
-that its zero is exact.
+An incremental counter that is set to zero shows 0 at any place within a count: recorded = round(count_sign * scale * k + phase), the phase
+uniform within half a recorded count. It is one draw for all rows until the counter is zeroed again (`Rig.zeroings`); a drum may state that
+its zero is exact.
 """
 
 import json
@@ -107,8 +107,8 @@ class Lengths(Shown):
 
     @property
     def u_mm(self) -> FloatArray | None:
-        """(n, m) standard uncertainties of the lengths beside what is rounded off the counts: by the instants at which the cables were
-        counted and by straight lines between samples. None where there is neither."""
+        """Return (n, m) standard uncertainties of the lengths besides the rounding of counts: from the instants of counting and from
+        straight lines between samples. None without either."""
         if self.u_time_s is None:
             return self.missed_mm
         late = self.u_time_s * self.speed_mm_s
@@ -304,8 +304,8 @@ def rounding_variance(rig: Rig, cables: tuple[Observed, ...] | None = None) -> F
 
 
 def count_variance(rig: Rig, cables: tuple[Observed, ...] | None = None) -> FloatArray:
-    """(m,) variance [mm^2, rad^2] of a length or angle read in whole counts: uniform within half a recorded count, and what a sensor
-    states of its readings; independent."""
+    """Return the (m,) variance [mm^2, rad^2] of a length or angle read in whole counts: uniform within half a recorded count, plus a
+    sensor's stated one for its readings; independent."""
     chosen = rig.cable if cables is None else cables
     return rounding_variance(rig, chosen) + np.array([rig.counter(c).u_reading ** 2 for c in chosen])
 
@@ -457,8 +457,8 @@ def length_residuals(run: Run, poses: FloatArray) -> FloatArray:
 class LengthResiduals:
     """`length_residuals` of a run from its start pose (7,), given the lengths of one piece of it after the other.
 
-    start: None where it is unknown: what was out when a counter was zeroed is then what leaves no mean residual in the first piece that
-    tells. temperature_c is that at the start; None: that of the first sample that has one.
+    start: None if it is unknown: the cable length at zeroing is then the one without a mean residual in the first piece that determines it.
+    temperature_c is that at the start; None: that of the first sample with one.
     """
 
     def __init__(self, rig: Rig, start: FloatArray | None, temperature_c: float | None = None) -> None:
@@ -508,7 +508,7 @@ def phase_variance(rig: Rig, cables: tuple[Observed, ...] | None = None) -> Floa
 
 
 def phase_columns(rig: Rig, cables: tuple[Observed, ...] | None = None) -> FloatArray:
-    """(m, z) what one standard deviation of the phase of each zeroing, none that is exact, makes of the lengths [mm]."""
+    """Return (m, z) effects on the lengths [mm] of one standard deviation of each zeroing's sub-count offset, if it is not exact."""
     u_mm, of = np.sqrt(phase_variance(rig, cables)), rig.zeroings(cables)
     return np.where(of[:, None] == np.unique(of[u_mm > 0.0]), u_mm[:, None], 0.0)
 

@@ -1,4 +1,4 @@
-"""Why samples of a channel are not used: what its counter was seen to do, and what lies between the samples of a later pass."""
+"""Reasons why samples of a channel are not used: faults of its counter, and gaps between the samples of a later pass."""
 
 from collections.abc import Mapping
 from itertools import pairwise
@@ -15,14 +15,14 @@ from lmeasure.text import Cause, Message, message
 SLACK_S = 0.5  # a cable that lost the tool is taut again before
 HOLE = 2.5  # median sample intervals: farther apart, a later pass is not interpolated
 SMOOTH_MM = 0.2
-"""By which a later pass may bend otherwise before and after an interval, and still be taken for smooth there: where a counter stepped or a
-cable was jerked nothing is to be spread over the samples about."""
+"""Change of a later pass's curvature around an interval up to which it is smooth there: a step of a counter or a jerk of a cable must not
+be spread over neighbouring samples."""
 
 ARM_MM = 1000.0  # Of an angle, to hold it against a length
 
 
 class Reason(NamedTuple):
-    """Why samples of a channel are not used: mask (n,), their status, and what is said of it."""
+    """Reason why samples of a channel are not used: mask (n,), their status, and the message."""
 
     mask: BoolArray
     status: int
@@ -33,7 +33,7 @@ Reasons = tuple[Reason, ...]
 
 
 def reasons_of(counter: Unwrapped, channel: str, drum: Drum | SensorTable, time_s: FloatArray) -> Reasons:
-    """Why samples of a channel, at times (n,), are not used."""
+    """Return why samples of a channel, at times (n,), are not used."""
     speed = _speed(drum, drum.rate)
     in_pauses = _speed(drum, counter.believed_rate or drum.rate)
     foreign = message("cause.foreign.bits", channel=channel, bits=drum.counter_bits)
@@ -55,7 +55,7 @@ def reasons_of(counter: Unwrapped, channel: str, drum: Drum | SensorTable, time_
 
 
 def rate_notes(source: str, believed: Mapping[str, tuple[Drum | SensorTable, float]]) -> list[Message]:
-    """That rates [1/s] of the counters of these channels were taken from their motion: a note for each of the keys that nobody stated."""
+    """Report that rates [1/s] of these channels' counters were taken from their motion: a note for each missing key."""
     found: dict[str, tuple[list[str], float]] = {}
     for channel, (drum, rate) in believed.items():
         key, limit = _speed(drum, rate).values()
@@ -70,9 +70,9 @@ def _speed(drum: Drum | SensorTable, rate: float) -> dict[str, Any]:
 
 
 def slack_samples(counts: FloatArray, time_s: FloatArray, limit: float, quantum: float) -> BoolArray:
-    """(n,) where a cable does not follow, from its true counts (n,) at times (n,): it changed its speed faster than limit [1/s^2] allows,
-    beyond what counts rounded to a quantum can show, or stands between two such changes less than SLACK_S apart. The change is taken over
-    as many samples as make rounding smaller than the limit."""
+    """Return (n,) where a cable is slack, from its true counts (n,) at times (n,). Its speed changed faster than limit [1/s^2], beyond the
+    rounding to a quantum, or it lies between two such changes less than SLACK_S apart. The change is taken over as many samples as make
+    rounding smaller than the limit."""
     n = len(counts)
     out = np.zeros(n, np.bool_)
     if n < 3:
@@ -93,7 +93,7 @@ def slack_samples(counts: FloatArray, time_s: FloatArray, limit: float, quantum:
 
 
 def other_times(time_s: FloatArray, base_s: FloatArray) -> OtherTimes | None:
-    """Where pass 1's times lie among those of a later pass; None where they are the same."""
+    """Return the positions of pass 1's times among those of a later pass; None if they are the same."""
     same = len(time_s) == len(base_s) and np.allclose(time_s, base_s, rtol=0, atol=1e-9)
     return None if same else OtherTimes(time_s, base_s, HOLE)
 
@@ -101,8 +101,8 @@ def other_times(time_s: FloatArray, base_s: FloatArray) -> OtherTimes | None:
 def on_time_base(
     passage: int, times: OtherTimes, values: FloatArray, reasons: Reasons, *, drum: Drum | SensorTable
 ) -> tuple[FloatArray, FloatArray, Reasons]:
-    """Counts of a later pass at pass 1's times and by how much they may miss there, in counts; what lies outside it, in a hole of it, or
-    next to a sample that is not good, is flagged."""
+    """Return counts of a later pass at pass 1's times and their errors, in counts; times outside it, in a hole of it, or next to a bad
+    sample, are flagged."""
     good = np.isfinite(values)
     for reason in reasons:
         good &= ~reason.mask

@@ -1,10 +1,10 @@
 """Kinds of sensors that other packages add: the table of rig.toml and the law of its reading, called by the kernels as every other kind.
 
-The law is a function of three things: the numbers that its table states (`SensorTable.own`, in their order; mm and rad), the place of its
-tool point in the base frame (of the tool origin, where its table has no `to`), and the rotation of the tool. All rates follow by central
-differences, whose steps leave 1e-9 of a rate. A law that fails has no reading there (NaN); the first failure of a kind is logged.
+The law is a function of three arguments: the numbers that its table states (`SensorTable.own`, in their order; mm and rad), the place of
+its tool point in the base frame (of the tool origin, where its table has no `to`), and the rotation of the tool. All rates follow by
+central differences, whose steps leave 1e-9 of a rate. A law that fails has no reading there (NaN); the first failure of a kind is logged.
 
-A law of plain arithmetic is compiled, some forty times as fast, if the compiled one gives what Python gives; any other runs as it is.
+A law of plain arithmetic is compiled, some forty times as fast, if the compiled one gives the same as Python; any other runs in Python.
 """
 
 import ctypes
@@ -120,7 +120,7 @@ class SensorKind:
 
     @staticmethod
     def _trials(q: int) -> tuple[FloatArray, FloatArray]:
-        """Return rows (n, columns) and poses (n, 7) by which two ways of computing a law are compared."""
+        """Return rows (n, columns) and poses (n, 7) for a comparison of two ways to compute a law."""
         generator, n = np.random.default_rng(0), 5
         rows = np.zeros((n, CABLE_COLUMNS))
         rows[:, list(OWN_COLUMNS[:q])] = generator.uniform(-2.0, 2.0, (n, q)) * 10.0 ** np.arange(n)[:, None]
@@ -139,7 +139,7 @@ _kept: list[Any] = []
 
 
 def _called(address: int, at: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """(7,) what a compiled law gives at a row and a pose."""
+    """Return the (7,) result of a compiled law at a row and a pose."""
     pointers = [ctypes.POINTER(ctypes.c_double)] * 3
     out = np.empty(READING_COLUMNS)
     arrays = [np.ascontiguousarray(a).ctypes.data_as(pointers[0]) for a in (*at, out)]

@@ -1,6 +1,5 @@
-"""Errors of cables' parameters: what a rig states of drums, pulleys and attachment points that no calibration has solved, what that does to
-lengths, and the covariance of a calibration's record. The laws of these errors are in `sensors.imperfect_parts`.
-"""
+"""Errors of cables' parameters: stated errors of drums, pulleys and attachment points that no calibration has solved, their effect on
+lengths, and the covariance of a calibration's record. The laws of these errors are in `sensors.imperfect_parts`."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -36,8 +35,8 @@ SAME_MM = 1.0  # Difference of cable lengths up to which a counter is zeroed at 
 
 @dataclass(frozen=True)
 class Variable:
-    """One independent error: its kind, the observation point or attachment point it belongs to, and its standard uncertainty in the unit
-    of the kind's key. assumed: whether that is a typical size, as nobody stated it."""
+    """One independent error: its kind, its observation point or attachment point, and its standard uncertainty in the unit of the kind's
+    key. assumed: whether that is a typical size, without a statement."""
 
     kind: laws.CableEffect
     owner: str
@@ -63,8 +62,8 @@ class Variable:
 def stated(
     rig: Rig, cables: tuple[Observed, ...] | None = None, solved: Iterable[str] = (), kinds: tuple[laws.CableEffect, ...] = laws.STATED
 ) -> list[Variable]:
-    """Return what the rig states to be uncertain, and the typical sizes of what it does not state; solved: names of a calibration's
-    parameters, which are not counted again."""
+    """Return the rig's stated uncertainties, and typical sizes of missing ones; solved: names of a calibration's parameters, which are not
+    counted again."""
     known = set(solved)
     every = [variable(rig, kind, owner) for kind, owner in _places(rig, cables, kinds) if not _solved(kind, owner, known)]
     return [v for v in every if v.u]
@@ -77,7 +76,7 @@ def variable(rig: Rig, kind: laws.CableEffect, owner: str) -> Variable:
 
 
 def _typical(rig: Rig, kind: laws.CableEffect, owner: str) -> float:
-    """The typical size of what a rig does not state; 0 where it says that this is exact, or the point has no such part."""
+    """Return the typical size for a missing statement of a rig; 0 if the rig states that it is exact, or the point has no such part."""
     if kind.key not in TYPICAL_SIZES:
         return 0.0
     if kind in (laws.ECCENTRICITY, laws.OFFSET):
@@ -86,7 +85,8 @@ def _typical(rig: Rig, kind: laws.CableEffect, owner: str) -> float:
 
 
 def of_record(rig: Rig, record: CalibrationRecord | None) -> list[Variable]:
-    """Return what of drums and pulleys a rig states to be uncertain and its calibration has not solved, and what is left of what it has."""
+    """Return the rig's stated uncertainties of drums and pulleys that its calibration has not solved, and the remaining ones of solved
+    parameters."""
     if record is None:
         return stated(rig, kinds=laws.OTHERS)
     u = {p.name: p.u for p in record.parameters} | {d.name: d.u for d in record.dimensions}
@@ -121,10 +121,10 @@ def _solved(kind: laws.CableEffect, owner: str, known: set[str]) -> bool:
 
 
 def phase_errors(rig: Rig, solved: Iterable[str], start: FloatArray) -> list[Variable]:
-    """Return the errors of known run-out and eccentricity by the angle at which drum and pulley stand at the start pose (7,) of a run.
+    """Return the errors of known run-out and eccentricity from the angle of drum and pulley at the start pose (7,) of a run.
 
-    The angle follows from the cable length there. It is off by what run-out and eccentricity themselves add to the length. Without
-    `phase_length_mm` the angle of what a calibration has solved (names) is not known, as counters are zeroed anywhere.
+    The angle follows from the cable length there. Its error is the effect of run-out and eccentricity on the length. Without
+    `phase_length_mm` the angle of solved parameters (names) is unknown, as counters are zeroed anywhere.
     """
     found, out = {name.partition(".")[0] for name in solved if name.rpartition(".")[2] in PHASED}, list[Variable]()
     for c in {c.from_point: c for c in rig.cable}.values():
@@ -144,7 +144,7 @@ def phase_errors(rig: Rig, solved: Iterable[str], start: FloatArray) -> list[Var
 
 
 class Unsolved:
-    """Errors of the lengths of m cables by what is not solved: variables that all samples share, and play."""
+    """Errors of the lengths of m cables from unsolved dimensions: variables that all samples share, and play."""
 
     def __init__(self, rig: Rig, variables: Iterable[Variable], cables: tuple[Cable, ...] | None = None) -> None:
         self._cables = rig.cable if cables is None else cables
@@ -153,7 +153,7 @@ class Unsolved:
         self.names = tuple(name for v in self.variables for name in v.names)
         self.sources = tuple(v.kind.said for v in self.variables for _ in v.names)
         self.assumed = tuple(v.typical for v in self.variables for _ in v.names)
-        """Which typical size each column of `shifts` is, empty of what is stated."""
+        """Typical size of each column of `shifts`, empty for a stated one."""
         played = [v for v in chosen if v.kind in (laws.BACKLASH, laws.FRICTION)]
         # as they obey one law they are one variable: of what is stated, and of what is assumed
         self._plays = [(laws.FRICTION.key if assumed else "", self._band(rig, played, assumed)) for assumed in (False, True)]
@@ -201,16 +201,16 @@ class Unsolved:
 
     @property
     def play_assumed(self) -> tuple[str, ...]:
-        """(p,) which typical size each column of `play` is, empty of what is stated."""
+        """Return (p,) the typical size of each column of `play`, empty for a stated one."""
         return tuple(key for key, u in self._plays for _ in range(len(self._drums_of(u)) + int(np.count_nonzero(u))))
 
     @property
     def play_sources(self) -> tuple[str, ...]:
-        """(p,) what the columns of `play` stand for."""
+        """Return (p,) the sources of the columns of `play`."""
         return (message("sensors.play_drums"),) * len(self.play_assumed)
 
     def _at(self, rows: FloatArray, poses: FloatArray, counts: FloatArray) -> FloatArray:
-        """(n, m, q) what each variable adds to F(P) - D(k)."""
+        """Return (n, m, q) effects of each variable on F(P) - D(k)."""
         out = np.zeros((*counts.shape, len(self.names)))
         if not self.variables:
             return out
@@ -249,7 +249,7 @@ def last_travel(counts: FloatArray, quantum: FloatArray, state: FloatArray | Non
 
 
 def further_solved(record: CalibrationRecord | None) -> bool:
-    """Whether a calibration solved any of `parameters.FURTHER`, which the kernels do not know."""
+    """Return whether a calibration solved any of `parameters.FURTHER`, which the kernels do not know."""
     return record is not None and any(name.rpartition(".")[2] in FURTHER_KEYS for name in record.names)
 
 
@@ -290,7 +290,8 @@ def cable_covariance(
 def solved_covariance(
     rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...] | None = None, *, wide: bool = False
 ) -> FloatArray:
-    """(13 m, 13 m) covariance of the cables' parameters by what the calibration solved, less what is of `unsolved_dimensions`."""
+    """Return the (13 m, 13 m) covariance of the cables' parameters from the calibration's solution, without the part of
+    `unsolved_dimensions`."""
     m = len(rig.cable if cables is None else cables)
     if record is None:
         return np.zeros((m * width_of(wide=wide),) * 2)
@@ -305,11 +306,11 @@ def solved_covariance(
 def unsolved_dimensions(
     rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...] | None = None, *, wide: bool = False
 ) -> tuple[FloatArray, tuple[str, ...]]:
-    """(13 m, s) errors of the cables' parameters, in the kernels' order, by independent variables of unit variance: of the dimensions that
-    the rig states to be uncertain and the record has not solved, and of the parameters that a calibration fitted with them; (s,) which
-    typical size each is, empty of what is stated or calibrated.
+    """Return (13 m, s) errors of the cables' parameters, in the kernels' order, by independent variables of unit variance: of stated
+    uncertain dimensions that the record has not solved, and of the parameters that a calibration fitted with them; (s,) the typical size of
+    each, empty for stated or calibrated ones.
 
-    What a record says of a dimension counts, and not the rig, whose statement was the calibration's prior.
+    A record's value of a dimension replaces that of the rig, whose statement was the calibration's prior.
     """
     chosen = rig.cable if cables is None else cables
     names = channel_names(rig, chosen, wide=wide)

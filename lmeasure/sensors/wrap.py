@@ -102,8 +102,8 @@ def guide(alpha: float, beta: float) -> FloatArray:
 
 
 def by_guide(frame: FloatArray, way: FloatArray, gradient: FloatArray) -> FloatArray:
-    """(n, 2) derivatives by alpha and beta of what depends on the ways (n, 3) from B to a point as seen from the `guide` frame, and whose
-    gradient (n, 3) by the way is known. Alpha turns the frame about e1, beta about the base's -Z; to turn it is to turn the way back."""
+    """Return (n, 2) derivatives by alpha and beta of a function of the vectors (n, 3) from B to a point in the `guide` frame, from its
+    gradient (n, 3). Alpha turns the frame about e1, beta about the base's -Z; turning it turns the vector back."""
     return np.stack([(gradient * np.cross(way, axis)).sum(axis=1) for axis in (frame[2], [0.0, 0.0, -1.0])], axis=1)
 
 
@@ -140,5 +140,5 @@ class Drum(NamedTuple):
 
 
 def drum_of(row: FloatArray) -> Drum:
-    """That of a cable, the kernels' row (columns,)."""
+    """Return the drum of a cable from the kernels' row (columns,)."""
     return Drum(row[kernels.TANGENT], row[kernels.AXIAL], row[kernels.TRAVEL], row[kernels.COUNT_LENGTH])

@@ -47,10 +47,11 @@ def simulate_run(
     temperature_c: FloatArray | None = None,
     noise_deg: float = 0.0,
 ) -> SimulatedRun:
-    """Every pass of the rig along the same motion, zeroed at its first pose, anywhere within a count unless the drum's zero is exact.
+    """Simulate every pass of the rig along the same motion, zeroed at its first pose, anywhere within a count unless the drum's zero is
+    exact.
 
-    noise_mm, noise_deg: standard deviation of each length and angle at each sample, independent. temperature_c (n,), the first at the
-    zero pose, has the effects that the rig states. Run and rig say that all is exact which they do not state. GeometryError when a cable
+    noise_mm, noise_deg: standard deviation of each length and angle at each sample, independent. temperature_c (n,), the first at the zero
+    pose, has the effects that the rig states. Run and rig state that all missing statements mean exact values. GeometryError when a cable
     cannot run at a pose.
     """
     rig = rig.model_copy(update={"unstated": "exact"})
@@ -98,12 +99,12 @@ def campaign_at(
     nominal_shift_deg: float = 0.0,
     temperature_c: FloatArray | None = None,
 ) -> SimulatedCampaign:
-    """Counts at reference poses (n, 7) whose measurement has the given standard uncertainties.
+    """Simulate counts at reference poses (n, 7) whose measurement has the given standard uncertainties.
 
     The nominal rig's observation points are off by up to nominal_shift_mm per axis and its guide angles by up to nominal_shift_deg.
     temperature_c (n,) at the poses has the effects that the rig states. The counters are zeroed at the first pose, anywhere within a count
-    unless the drum's zero is exact; other sensors err as they state. Parts that are not as drawn are in the counts, and not in the nominal
-    rig. Both rigs say that all is exact which they do not state.
+    unless the drum's zero is exact; other sensors have their stated errors. Imperfect parts are in the counts, and not in the nominal rig.
+    Both rigs state that all missing statements mean exact values.
     """
     rig = rig.model_copy(update={"unstated": "exact"})
     count, cables = len(poses), tuple(c for c in rig.observed if c.passage == 1)

@@ -1,11 +1,11 @@
-"""A rig whose drums and pulleys are not as drawn, as a machine: taut strings over eccentric discs, gears with play. Nothing here is a
-formula of the solvers (`sensors.imperfect_parts`, `kernels.cable`).
+"""A rig with imperfect drums and pulleys, as a machine: taut strings over eccentric discs, gears with play. Nothing here is a formula of
+the solvers (`sensors.imperfect_parts`, `kernels.cable`).
 
-A cable comes from the fixed pulley G, goes tangentially on to the groove, around it, and tangentially to P. Tangents of a disc of radius
-R about C from a point at the distance d and the angle gamma touch it at gamma -+ acos(R/d). The pulley swivels to where the cable is
-shortest. It turns with the cable: what runs on to it along u moves with the groove there, ds = (R - x_n) dpsi for a groove whose centre
-is x off the axle. A drum is a disc that turns about a point beside its middle. Play is a dog in a slot: the encoder stands until the
-slot's other end takes it along.
+A cable comes from the fixed pulley G, goes tangentially on to the groove, around it, and tangentially to P. Tangents of a disc of radius R
+about C from a point at the distance d and the angle gamma touch it at gamma -+ acos(R/d). The pulley swivels to the shortest cable. It
+turns with the cable: cable that runs on to it along u moves with the groove there, ds = (R - x_n) dpsi for a groove whose centre is x off
+the axle. A drum is a disc that turns about a point beside its middle. Play is a dog in a slot: the encoder rests until the slot's other end
+takes it along.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ TURN = 2.0 * np.pi
 
 
 def untrue(rig: Rig) -> bool:
-    """Whether a rig states drums, pulleys or swivel axes that are not as drawn."""
+    """Return whether a rig states imperfect drums, pulleys or swivel axes."""
     point = ("pulley_eccentricity_mm", "swivel_offset_mm", "swivel_tilt_deg")
     drum = ("run_out_mm", "cable_oversize_mm")
     return any(getattr(p, key) for p in rig.observation_point for key in point) or any(
@@ -123,7 +123,8 @@ class _Machine:
         return self._string(points, n, far, np.zeros((len(points), 2)), self.drawn_radius, 0.0) - GUIDE_MM
 
     def strings(self, points: FloatArray, passed: FloatArray) -> FloatArray:
-        """(n,) cable from the fixed pulley to points (n, 3) when so much (n,) has passed the swivel pulley since it stood as stated."""
+        """Return the (n,) cable from the fixed pulley to points (n, 3) after so much (n,) has passed the swivel pulley since its stated
+        angle."""
         if self.radius == 0.0:
             return np.asarray(np.linalg.norm(points - self.base, axis=1))
         psi = passed / self.radius

@@ -1,4 +1,4 @@
-"""Scenarios: scenario.toml says which rig moves how, and what is recorded of it."""
+"""Scenarios: scenario.toml states the motion of a rig, and the recording of it."""
 
 import math
 from collections.abc import Mapping
@@ -193,7 +193,7 @@ class Scenario(Strict):
 
 @dataclass(frozen=True, repr=False)
 class Simulated(Shown):
-    """Result of a scenario: a run when it has waypoints, a campaign when it asks for one."""
+    """Result of a scenario: a run for waypoints, a campaign on request."""
 
     run: SimulatedRun | None
     campaign: SimulatedCampaign | None
@@ -241,7 +241,7 @@ def scenario_from_dict(data: Mapping[str, Any], source: str = "scenario", folder
 def simulate(scenario: Scenario, rig: Rig, went: tuple[FloatArray, FloatArray] | None = None) -> Simulated:
     """Run the forward model; the same scenario and rig give the same counts. GeometryError when a cable cannot run at a pose.
 
-    went: times (n,) and poses (n, 7) of what was moved otherwise than straight through the waypoints; a scenario's robot needs them
+    went: times (n,) and poses (n, 7) of another motion than straight through the waypoints; a scenario's robot needs them
     (`lmeasure.iso9283.program.command_files`), FileFormatError without.
     """
     rng = np.random.default_rng(scenario.seed)

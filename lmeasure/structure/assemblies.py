@@ -1,8 +1,8 @@
 """All assemblies of lengths: of six straight links proved, of more links those of six that close the others, of wrapped cables followed.
 
-With seven and more links a pose that closes them all is one of the assemblies of any six: where these are all accounted for, so are they.
-Which six is free: those with the fewest complex assemblies are solved, in closed form where that is possible. Measured lengths close only
-within their errors; a pose that misses none by more than a stated length is kept, improved by least squares, and says how far it misses.
+With seven and more links a pose that closes them all is one of the assemblies of any six: if these are complete, so are they. Any six will
+do: those with the fewest complex assemblies are solved, in closed form if possible. Measured lengths close only within their errors; a pose
+that misses none by more than a stated length is kept, improved by least squares, with its largest miss.
 """
 
 from dataclasses import dataclass

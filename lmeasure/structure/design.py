@@ -1,9 +1,9 @@
-"""Limits of lengths within which a mechanism is never singular, and how they are found (thesis 4.2, 4.3).
+"""Search for limits of lengths within which a mechanism is never singular (thesis 4.2, 4.3).
 
-Where tetrahedra lead from the base to the platform, it is singular where one of them is flat. If they stand on links and sides alone, as
-those of L-321-321, that is proved for all assemblies at once (`linkages.flat_tetrahedra`). Of the other structures that tetrahedra solve
-it is proved for one assembly, the additional coordinates l7 and l8 followed through its tetrahedra (`linkages.chain`): that of a stated
-pose, or the one that stands highest at one of many lengths drawn within the limits. Of all others it is proved around a stated pose
+If tetrahedra lead from the base to the platform, it is singular where one of them is flat. If they consist of links and sides alone, as
+those of L-321-321, that is proved for all assemblies at once (`linkages.flat_tetrahedra`). Of the other structures that tetrahedra solve it
+is proved for one assembly, the additional coordinates l7 and l8 followed through its tetrahedra (`linkages.chain`): that of a stated pose,
+or the highest one at one of many lengths drawn within the limits. Of all others it is proved around a stated pose
 (`linkages.length_limits`).
 """
 
@@ -27,8 +27,8 @@ Limits = dict[str, tuple[float, float]]
 
 @dataclass(frozen=True)
 class Design:
-    """Links by name with their limits [mm]: given, and those within which nothing is singular; and what was said of each tetrahedron, in
-    order, those after one that may be flat not being looked at."""
+    """Links by name with their limits [mm]: given ones, and those within which nothing is singular; and the message on each tetrahedron, in
+    order, up to the first that may be flat."""
 
     given: Limits
     free: Limits
@@ -129,7 +129,7 @@ def _links_of(linkage: Linkage, drives: FloatArray) -> FloatArray:
 
 
 def _of_one_assembly(linkage: Linkage, found: Incidence, pose: FloatArray | None, given: Limits, texts: tuple[str, ...]) -> Design:
-    """By tetrahedra with additional coordinates, and around the pose where that proves more."""
+    """Design by tetrahedra with additional coordinates, and around the pose if that proves more."""
     assert linkage.limits is not None
     if pose is None:
         centre, pose, which = _highest(linkage)

@@ -26,7 +26,7 @@ def _printable(value: str) -> str:
 
 
 Name = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(_printable)]
-"""Of a point: it names no channel or column, and may have blanks and dots."""
+"""Name of a point: no channel or column has it, and it may have blanks and dots."""
 Coordinate = Annotated[float, Field(ge=-1e7, le=1e7)]
 Points = Annotated[dict[Name, tuple[Coordinate, Coordinate, Coordinate]], Field(min_length=1)]
 Length = Annotated[float, Field(gt=0, le=1e7)]
@@ -117,7 +117,7 @@ class Linkage:
     platform: FloatArray
     """(m, 3) where each ends [mm, platform's frame]"""
     names: Sequence[tuple[str, str, str]]
-    """Of each link, of the point where it begins and of that where it ends."""
+    """Names of each link, of its first and of its last point."""
     lengths: FloatArray | None = None
     """(m,) [mm]; of a cable from the observation point over its pulley"""
     limits: FloatArray | None = None
@@ -136,7 +136,7 @@ class Linkage:
 
     @property
     def straight(self) -> bool:
-        """Whether the poses of lengths are those of straight links between base and platform, found with proof."""
+        """Return whether the poses of lengths are those of straight links between base and platform, found with proof."""
         return self.rods is None or self.rods.gauges is not None
 
     def strips(self, pose: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
-"""Quality of a platform's hold by links at a pose, and along a straight way: the determinant, and beside it what a user can judge by.
+"""Quality of a platform's support by links at a pose, and along a straight path: the determinant, and numbers that a user can judge.
 
-A determinant has the unit mm^3 and no size that would be small or large. Beside it stand the condition, how far the platform's rim moves
-by lengths that are off by 1 mm together, and the radius that holds 95 % of the errors of its origin when each length is off by itself.
+A determinant has the unit mm^3, without a scale for small or large. The others are the condition, the motion of the platform's rim by
+length errors of 1 mm together, and the radius that holds 95 % of its origin's errors from independent errors of the lengths.
 """
 
 from dataclasses import dataclass, replace
@@ -48,8 +48,8 @@ def lines_of(linkage: Linkage) -> linkages.Lines:
 
 @dataclass(frozen=True)
 class Held:
-    """At poses (n,): determinant [mm^3], NaN where there are more than six links; rank; condition and mm_per_mm, infinite where the links
-    do not hold the platform; u95_mm: of its origin, for the uncertainties of lengths that were given; worst_angle_deg: pressure angle."""
+    """At poses (n,): determinant [mm^3], NaN with more than six links; rank; condition and mm_per_mm, infinite if the links do not fix the
+    platform; u95_mm: of its origin, for the given uncertainties of lengths; worst_angle_deg: pressure angle."""
 
     determinant: FloatArray
     rank: FloatArray
@@ -85,7 +85,7 @@ def held(linkage: Linkage, poses: FloatArray, u_mm: FloatArray | float = 1.0) ->
 
 
 def at_pose(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
-    """Return what `lmeasure structure` writes of a pose (7,); links straight from point to point, and beside it the cables as they run."""
+    """Return the result of `lmeasure structure` for a pose (7,): links straight from point to point, and the real cables."""
     straight = replace(linkage, cables=None)
     M, own, points = lines_of(straight)(pose)
     if not (own > 0.0).all() or not np.isfinite(M).all():
@@ -129,8 +129,8 @@ def at_pose(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
 
 
 def at_singular(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
-    """What `lmeasure structure --singular` writes of the singular pose nearest to a pose (7,): straight links, six of them. StructureError
-    where there is none near it, or more links than six."""
+    """Return the result of `lmeasure structure --singular` for the singular pose nearest to a pose (7,): straight links, six of them.
+    StructureError without one near it, or with more than six links."""
     base, platform, rods = linkage.base, linkage.platform, linkage.rods
     if len(base) != linkages.LINKS:
         raise StructureError(message("error.singular_has_links_singular", n_base=len(base)))
@@ -234,7 +234,7 @@ def others_near(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
 
 
 def along(linkage: Linkage, pose: FloatArray, to: FloatArray) -> dict[str, Any]:
-    """How the links hold the platform on the straight way from a pose (7,) to another, turned about one axis: columns of ALONG places."""
+    """Return the quality of support on the straight path from a pose (7,) to another, turned about one axis: columns of ALONG places."""
     step = se3.displacement(to[None], pose)[0]
     share = np.linspace(0.0, 1.0, ALONG)
     poses = se3.displaced(pose, share[:, None] * step)

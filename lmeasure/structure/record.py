@@ -1,4 +1,4 @@
-"""All that is known of links, put together: what `lmeasure structure` prints and writes."""
+"""Data of links, put together for the output of `lmeasure structure`."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -110,7 +110,7 @@ def _boundary(linkage: Linkage, pose: FloatArray, asked: Workspace) -> dict[str,
 
 
 def _away(linkage: Linkage, pose: FloatArray) -> float:
-    """From the middle of the base points to the platform [mm]."""
+    """Return the distance from the middle of the base points to the platform [mm]."""
     return max(float(np.linalg.norm(pose[:3] - linkage.base.mean(axis=0))), linkages.rim_mm(linkage.platform))
 
 
@@ -141,7 +141,7 @@ class Boundary(Shown):
     pose: FloatArray
 
     def about(self) -> dict[str, str]:
-        """Plane, slices, and what is to be said of levels without one."""
+        """Return plane, slices, and remarks on levels without one."""
         return {"plane": self.content["plane"], "slices": str(len(self.content["slices"]))}
 
     def to_frame(self) -> DataFrame:
@@ -195,6 +195,6 @@ class Described(Shown):
 
     @property
     def boundary(self) -> Boundary | None:
-        """The boundary of the workspace, where it was asked for."""
+        """Return the boundary of the workspace, if requested."""
         found = self.record.get("boundary")
         return None if found is None or self.pose is None else Boundary(found, self.pose)

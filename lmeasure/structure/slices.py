@@ -1,4 +1,4 @@
-"""The boundary of the workspace, slice by slice, each followed and said to be closed or open (thesis 5.3)."""
+"""The boundary of the workspace, slice by slice, each followed, closed or open (thesis 5.3)."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ SEEDS = 15  # places in each direction at which a level is looked at for one tha
 
 @dataclass(frozen=True)
 class Piece:
-    """A boundary at a level [mm]: places (n, 3) in the base frame, the limit met at each, whether it is closed, its area, how far
-    straight lines between the places are beside it at most, and whether what it encloses is a hole in the workspace."""
+    """A boundary at a level [mm]: places (n, 3) in the base frame, the limit met at each, whether it is closed, its area, the largest
+    distance of straight lines between the places from it, and whether it encloses a hole in the workspace."""
 
     level_mm: float
     places: FloatArray
@@ -42,7 +42,6 @@ class Piece:
         return message(f"structure.boundary_{code}", level=level, area=self.area_mm2, met=met)
 
     def as_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
         return {
             "level_mm": self.level_mm,
             "closed": self.closed,
@@ -57,10 +56,10 @@ class Piece:
 def bounds_of(
     linkage: Linkage, pose: FloatArray, limit_deg: float | None, lengths_mm: tuple[float, float] | None, *, turns: FloatArray | None = None
 ) -> Bounds:
-    """Limits that links keep, in the assembly of a pose (7,): cables as they run over their pulleys, more than six weighed by their counts
+    """Return the limits that links keep, in the assembly of a pose (7,): cables with their pulleys, more than six weighted by their counts
     as in a run. lengths_mm: in place of the links' own limits.
 
-    StructureError where they do not hold the platform at the pose, or more than six are asked for nothing that has a boundary.
+    StructureError if they do not fix the platform at the pose, or for more than six without any limit that has a boundary.
     """
     limit = None if limit_deg is None or limit_deg >= 90.0 else float(np.radians(limit_deg))
     lines = None if linkage.wrapped is None and linkage.rods is None else lines_of(linkage)
@@ -129,7 +128,7 @@ def followed(bounds: Bounds, plane: Slice, level: float) -> tuple[list[Piece], l
 
 
 def _known(place: FloatArray, found: Iterable[Boundary], reach_mm: float) -> bool:
-    """Whether a place where a ray meets a limit lies on or behind boundaries that are known."""
+    """Return whether the meeting of a ray with a limit lies on or behind known boundaries."""
     return any(one.distance_mm(place) < SAME * reach_mm or one.crosses(place) for one in found)
 
 
@@ -140,9 +139,9 @@ def _piece(bounds: Bounds, plane: Slice, found: Boundary, level: float) -> Piece
 
 
 class _Reached:
-    """Places of a grid that a straight line, or several one after the other, lead to from a pose within the limits. Cells that a singular
-    pose parts have the same sign of the determinant where an even number of its sheets lies between them, so the sign alone does not say
-    whether a place is of the workspace."""
+    """Places of a grid that one straight line, or several one after the other, reach from a pose within the limits. Cells separated by an
+    even number of singular sheets have the same sign of the determinant, so the sign alone does not decide whether a place is in the
+    workspace."""
 
     def __init__(self, bounds: Bounds, plane: Slice, axis: int) -> None:
         """plane: the slice of the pose; axis: that of the levels."""

@@ -22,7 +22,7 @@ def described_lines(record: dict[str, Any]) -> list[str]:
 
 
 def lines(record: dict[str, Any]) -> list[Line]:
-    """Return the messages, and what kind of line each is."""
+    """Return the messages, and the kind of each line."""
     return [*_structure(record), *_assemblies(record), *_pose(record), *_design(record)]
 
 

@@ -19,8 +19,8 @@ NODES = 3
 
 @dataclass(frozen=True)
 class Cost:
-    """The largest error of the tool's position [mm] in a box by one unit of an error of the rig file, in the worst direction where there
-    are several. unit: 1 mm, 1 deg, or what is usual."""
+    """The largest error of the tool's position [mm] in a box by one unit of an error of the rig file, in the worst direction if there are
+    several. unit: 1 mm, 1 deg, or a usual size."""
 
     unit: str
     mm: float

@@ -1,6 +1,6 @@
-"""Read the texts of each language by id from `locale/LANGUAGE.po`, and write numbers as the language does.
+"""Read the texts of each language by id from `locale/LANGUAGE.po`, and write numbers in the language's form.
 
-A new language needs one file: `LANGUAGES` lists those that exist. English is complete; what another language lacks appears in English.
+A new language needs one file: `LANGUAGES` lists those that exist. English is complete; texts missing in another language appear in English.
 """
 
 import json
@@ -110,13 +110,13 @@ def typed(values: Iterable[float]) -> str:
 
 
 class Writer(string.Formatter):
-    """Put values into the texts of a language: numbers get its decimal mark, messages its words, and tuples of values stand in a row."""
+    """Put values into the texts of a language: numbers get its decimal mark, messages its words, and tuples of values become a list."""
 
     def __init__(self, language: str) -> None:
         self.language = language
 
     def format_field(self, value: Any, format_spec: str) -> str:
-        """Return one value as text; a number that was read from a text comes as that text, and what is not known as a dash."""
+        """Return one value as text; a number that was read from a text keeps that text, and unknown ones are a dash."""
         if isinstance(value, tuple):
             several = [self.format_field(v, format_spec) for v in value]
             return (texts(self.language)["number.between"] if _are_numbers(value) else ", ").join(several)

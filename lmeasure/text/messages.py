@@ -1,4 +1,4 @@
-"""Keep what a computation reports as an id and values, from its birth to the face that renders it in the reader's language.
+"""Keep a computation's reports as ids and values until a face renders them in the reader's language.
 
 Files, `--json` and certificates keep the English text; beside it `stated` and `table` keep ids and values, so that no text is read back.
 """
@@ -94,7 +94,6 @@ def sentence(text: str, language: str) -> str:
 
 
 def composed(template: str, /, **values: Any) -> Message:
-    """Return values put together without words of their own, the same in every language: `{where}: {what}`."""
     return Message("", values, template)
 
 

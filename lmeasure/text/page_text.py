@@ -22,7 +22,7 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 class Say:
-    """Says texts in a language: `say("page.residuals")`, `say("page.poses", n=7)`."""
+    """Writer of texts in a language: `say("page.residuals")`, `say("page.poses", n=7)`."""
 
     def __init__(self, language: str = "en") -> None:
         self.language = language
@@ -43,11 +43,11 @@ class Say:
         return powers(numbers(self.language, values, form))
 
     def message(self, text: str) -> str:
-        """Return what a computation reported: a message in the language, any other text as it is."""
+        """Return a computation's report: a message in the language, any other text unchanged."""
         return typeset(text.text(self.language) if isinstance(text, Message) else plain(text))
 
     def sentence(self, text: str) -> str:
-        """Return what a computation reported as a sentence by itself."""
+        """Return a computation's report as a sentence by itself."""
         return typeset(sentence(text, self.language) if isinstance(text, Message) else plain(text))
 
 

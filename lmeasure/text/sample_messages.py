@@ -1,4 +1,4 @@
-"""Why samples have no pose, or have one without a channel: (n,) arrays of messages, "" where there is nothing to say."""
+"""Reasons why samples have no pose, or have one without a channel: (n,) arrays of messages, "" without one."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping
@@ -14,12 +14,12 @@ Cause = str
 
 
 def and_also(causes: TextArray, more: Message) -> TextArray:
-    """(n,) causes with more said behind each."""
+    """Return (n,) causes with a further one behind each."""
     return _each(causes, lambda cause: message(JOINED, first=cause, then=more), more)
 
 
 def without(causes: TextArray) -> TextArray:
-    """(n,) what is said of samples that are good without the channels of which causes (n,) tell."""
+    """Return (n,) messages for good samples without the channels named by causes (n,)."""
     return _each(causes, lambda cause: message("cause.without", cause=cause), message("cause.without", cause=""))
 
 
@@ -42,7 +42,7 @@ def said_first(cause: Cause) -> Cause:
 
 
 def is_of(cause: Cause, code: str) -> bool:
-    """Whether a cause, or the first of several, has this code."""
+    """Return whether a cause, or the first of several, has this code."""
     first = said_first(cause)
     return isinstance(first, Message) and first.code == code
 
@@ -64,7 +64,7 @@ def common(n: int, cause: Cause) -> TextArray:
 
 
 def _each(causes: TextArray, made: Callable[[Any], Cause], of_nothing: Cause) -> TextArray:
-    """Return what is made of each cause, once of those that are the same object, as those of many samples are."""
+    """Return the result of `made` for each cause, once for those that are the same object, as for many samples."""
     out = common(len(causes), of_nothing)
     at = np.flatnonzero(causes != "")
     kept: dict[int, Cause] = {}

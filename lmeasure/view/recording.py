@@ -109,7 +109,7 @@ def named(name: str, /, **values: object) -> str:
 
 
 def entity_path(*parts: str) -> str:
-    """An entity path whose last parts are names from files: whatever they hold, each stays one part."""
+    """Return an entity path whose last parts are names from files: each stays one part whatever it contains."""
     return rr.new_entity_path(list(parts))
 
 
@@ -148,7 +148,7 @@ class CableSeries:
             rec.log(entity, rr.SeriesLines(colors=cable_colour(j), names=name), static=True)
 
     def add(self, time_s: FloatArray, values: FloatArray, first: int = 0) -> None:
-        """Send (n, names) values at times (n,) of samples of which the first has that number."""
+        """Send (n, names) values at times (n,) of samples; first: index of the first one."""
         indexes = time_indexes(time_s, first)
         for entity, column in zip(self._entities, values.T, strict=True):
             send_scalars(self._rec, entity, indexes, column)
@@ -254,7 +254,7 @@ def send_tool(rec: rr.RecordingStream, indexes: Sequence[rr.TimeColumn], poses: 
 def draw_frames(
     rec: rr.RecordingStream, rig: Rig, indexes: Sequence[rr.TimeColumn], poses: FloatArray, *, place_only: bool, looks: bool = True
 ) -> None:
-    """Cables, pulleys and platform at (n, 7) poses as `send_tool` takes them; with the looks of all that moves, which are said once."""
+    """Draw cables, pulleys and platform at (n, 7) poses as in `send_tool`; with the looks of all moving parts, once."""
     shown = (~np.isnan(poses[:, 0])).astype(np.int64)
     poses = poses[shown == 1]
     rows = rig.cable_rows()
@@ -282,7 +282,7 @@ def draw_frames(
 
 
 def _log_looks(rec: rr.RecordingStream, rig: Rig, *, place_only: bool) -> None:
-    """Colours and thicknesses of what moves."""
+    """Send colours and thicknesses of moving parts."""
     if place_only:
         rec.log("/world/tool", rr.Points3D.from_fields(colors=PLAIN, radii=THICK), static=True)
     for j, c in enumerate(rig.cable):
@@ -313,8 +313,8 @@ def draw_path(rec: rr.RecordingStream, entity: str, path: Thinned, colour: Colou
 
 
 def draw_shaded_path(rec: rr.RecordingStream, entity: str, path: Thinned) -> list[str]:
-    """The same in the colours of the 95 % radius, from rows of place [mm], whether it is known, and that radius [mm], NaN where nobody
-    states it: a strip for each colour, which begins where the one before ended."""
+    """Draw the same in the colours of U95, from rows of position [mm], whether it is known, and that radius [mm], NaN without a statement:
+    a strip for each colour, which begins at the end of the one before."""
     radius = path.rows[:, 4]
     stated = (path.rows[:, 3] > 0.0) & np.isfinite(radius) & (radius > 0.0)
     if not stated.any():
@@ -349,7 +349,7 @@ def _rising(low: float, middle: float, top: float) -> tuple[float, float, float]
 
 
 def _zone_colour(part: float) -> Colour:
-    """From the first over the middle to the last of the colours of a zone."""
+    """Return the colour of a zone, from the first over the middle to the last."""
     red, green, blue = (int(np.interp(part, (0.0, 0.5, 1.0), channel)) for channel in zip(*ZONE_COLOURS, strict=True))
     return red, green, blue
 

@@ -62,7 +62,7 @@ SERIES = {"u_position_mm": ("u_x_mm", "u_y_mm", "u_z_mm"), "u_rotation_rad": ("u
 
 
 def log_trajectory(rec: rr.RecordingStream, rig: Rig, trajectory: Trajectory, errors: Mapping[str, FloatArray]) -> list[str]:
-    """Everything a trajectory holds; returns what the reader must know."""
+    """Draw a whole trajectory; return notes for the reader."""
     log = TrajectoryLog(rec, rig)
     log.add(trajectory)
     indexes = time_indexes(trajectory.time_s)
@@ -117,7 +117,7 @@ class TrajectoryLog:
         self._notes |= dict.fromkeys(piece.notes)
 
     def end(self) -> list[str]:
-        """Draw what goes over the whole run; returns what the reader must know."""
+        """Draw the parts over the whole run; return notes for the reader."""
         self._statuses.end(self._frames.seen)
         frames, path = self._frames, self._path
         for i in range(0, len(frames), MAX_FRAMES):
@@ -144,7 +144,7 @@ class _Stretch:
 
 
 class _Statuses:
-    """Statuses as a log and a lane. A stretch of samples is said when it is known where it ends."""
+    """Statuses as a log and a lane. A stretch of samples is sent when its end is known."""
 
     def __init__(self, rec: rr.RecordingStream) -> None:
         self._rec = rec
@@ -153,7 +153,7 @@ class _Statuses:
         rec.log("/status_lane", rr.StateConfiguration(values=WORDS, colors=shades), static=True)
 
     def add(self, piece: Trajectory, first: int) -> IntArray:
-        """Take the next samples, of which the first has that number; the rows at which something changes."""
+        """Take the next samples, first: index of the first one; return the rows of changes."""
         was = self._open
         causes = piece.cause
         columns = (piece.status, was and was.status), (causes, was and was.cause), (piece.cable, was and was.cable)
@@ -218,12 +218,12 @@ def write_recording(
     zone: xr.Dataset | None = None,
     notes: Sequence[str] = (),
 ) -> None:
-    """Write what the stages gave as one .rrd, whole or not at all, with a blueprint that opens it.
+    """Write the results of the stages as one .rrd, whole or not at all, with a blueprint that opens it.
 
-    run: counts, and with a trajectory the residual of each cable; truth (k, 7) poses where they are known [mm, unit quaternions], which
-    without a trajectory are those of the run's samples and move the picture; errors: (n,) columns on the trajectory's samples, names with
-    units; nominal: the rig before calibration; reference and record: poses and result of a calibration; zone: dataset of the contract's
-    netCDF. LMeasureError when the file cannot be written.
+    run: counts, and with a trajectory the residual of each cable; truth (k, 7) known poses [mm, unit quaternions], which without a
+    trajectory are those of the run's samples and move the picture; errors: (n,) columns on the trajectory's samples, names with units;
+    nominal: the rig before calibration; reference and record: poses and result of a calibration; zone: dataset of the contract's netCDF.
+    LMeasureError if the file cannot be written.
     """
     lines = list(notes)
     reported = False
@@ -260,10 +260,10 @@ def write_recording(
 
 @contextmanager
 def streamed_recording(path: Path, head: RunHead) -> Iterator[Each]:
-    """A function that takes a run of one pass piece by piece - counts, lengths, trajectory - into the .rrd at path.
+    """Yield a function that takes a run of one pass piece by piece (counts, lengths, trajectory) into the .rrd at path.
 
-    When the block ends the file stands, with what `write_recording` puts into that of the whole run; when the block fails there is none.
-    Raises what `write_recording` raises.
+    At the end of the block the file is complete, with the content of `write_recording` for the whole run; if the block fails there is none.
+    Raises the errors of `write_recording`.
     """
     rig = head.rig
     with _recording_of(rig, path) as rec:
@@ -302,7 +302,7 @@ ROUNDING_MM = 1e-6
 
 
 def _tells(residuals: FloatArray) -> bool:
-    """Whether residuals are more than what the solver's rounding leaves."""
+    """Return whether residuals exceed the solver's rounding."""
     known = np.abs(residuals[np.isfinite(residuals)])
     return bool(len(known)) and float(known.max()) > ROUNDING_MM
 
@@ -316,7 +316,7 @@ def _residual_series(rec: rr.RecordingStream, rig: Rig) -> CableSeries:
 
 
 def write_counts_recording(path: Path, rig: Rig, counts: Sequence[Path]) -> None:
-    """Write the counts of the passes there are as yet, from their files, as one .rrd; raises what `write_recording` raises."""
+    """Write the counts of the passes so far, from their files, as one .rrd; raises the errors of `write_recording`."""
     passes = tuple(read_counts(file) for file in counts)
     # counts alone need no start pose
     write_recording(path, rig, run=Run(rig, None, passes))
@@ -333,7 +333,7 @@ def _log_notes(rec: rr.RecordingStream, rig: Rig, lines: Sequence[str]) -> None:
 def _blueprint(
     rig: Rig, passes: int, *, trajectory: bool, residuals: bool = False, record: bool = False, zone: bool = False, errors: bool = False
 ) -> rrb.Blueprint:
-    """Space on the left, seen from outside the rig; the plots of what there is on the right; the notes under them."""
+    """Return the layout: space on the left, seen from outside the rig; plots on the right; notes under them."""
 
     def plot(name: str, origin: str) -> rrb.TimeSeriesView:
         return rrb.TimeSeriesView(name=name, origin=origin, plot_legend=rrb.Corner2D.LeftTop)
@@ -391,9 +391,9 @@ def _blueprint(
 
 @contextmanager
 def growing_counts(path: Path, channels: tuple[str, ...], passage: int = 1) -> Iterator[Callable[[Samples], None]]:
-    """A function that appends samples, their times from the first one [s], to the .rrd at path; what it holds can be read at any moment.
+    """Yield a function that appends samples, their times from the first one [s], to the .rrd at path, which can be read at any moment.
 
-    The counts stand where `write_recording` puts those of the pass. LMeasureError when the file cannot be written.
+    The counts have the place of the pass in `write_recording`. LMeasureError if the file cannot be written.
     """
     rec = rr.RecordingStream("lmeasure")
     try:
@@ -465,7 +465,7 @@ def _log_platform(rec: rr.RecordingStream, linkage: Linkage, pose: FloatArray) -
 
 
 def _log_tetrahedra(rec: rr.RecordingStream, linkage: Linkage, pose: FloatArray) -> None:
-    """Those by which the assemblies are found, where there are such."""
+    """Draw the tetrahedra that give the assemblies, if any."""
     if len(linkage.base) != LINKS:
         return
     found = incidence(linkage.base, linkage.platform)

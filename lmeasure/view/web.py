@@ -1,9 +1,9 @@
 """rerun's own web viewer in any browser, with the recording beside it, for this machine alone.
 
-The viewer lies in rerun's wheel; `rerun --serve-web` gives its files on a port of the loopback interface, and given an address of a
-recording it opens nothing else. Here one more server stands before it: it serves both, the page and the recording, from one port of
-127.0.0.1, so that one port is to be forwarded. The page would load fonts, ask for newer versions and tell its maker of its use: what it
-would fetch from elsewhere is left out or answered here, and the browser is forbidden to fetch more.
+The viewer is in rerun's wheel. `rerun --serve-web` serves its files on a port of the loopback interface, and with the address of a
+recording it opens nothing else. Our server in front of it serves both, the page and the recording, from one port of 127.0.0.1, so that only
+one port must be forwarded. The page would load fonts, look for newer versions and report its use: these requests are removed or answered
+here, and the browser is forbidden to fetch more.
 """
 
 import http.client
@@ -35,11 +35,11 @@ _ELSEWHERE = re.compile(rb"<link\b[^>]*\bhref=\"https?://[^>]*>")
 _ALONE = b"""<script>{const own = window.fetch.bind(window); window.fetch = (what, how) =>
 new URL(what instanceof Request ? what.url : what, location).origin === location.origin ? own(what, how)
 : Promise.resolve(new Response("{}", {status: 404}))}</script>"""
-"""Answers in the page what would go elsewhere."""
+"""Script that answers in the page requests to other servers."""
 
 
 def policy(read: str = "'self'") -> str:
-    """Return what the viewer's page may do: run its own code, and ask the places in `read` alone."""
+    """Return the rights of the viewer's page: run its own code, and fetch from the places in `read` alone."""
     return (
         "default-src 'none'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; "
         f"font-src 'self' data:; img-src 'self' data: blob:; connect-src {read} data: blob:; worker-src 'self' blob:; "
@@ -58,7 +58,7 @@ def viewer_file(name: str) -> tuple[str, bytes] | None:
 
 
 def _fetched(behind: int, path: str) -> tuple[int, str, bytes]:
-    """Status, kind and content of what rerun gives, its page without what it would fetch from elsewhere."""
+    """Return status, kind and content of rerun's answer, its page without requests to other servers."""
     connection = http.client.HTTPConnection(LOOPBACK, behind, timeout=60)
     try:
         connection.request("GET", path)
@@ -91,7 +91,7 @@ def serving(recording: Path, port: int = 0) -> Iterator[ThreadingHTTPServer]:
 
 
 def serve(recording: Path, port: int, say: Callable[[str], None]) -> None:
-    """Serve until the person at the keyboard ends it; say gets the address."""
+    """Serve until Ctrl-C; say prints the address."""
     # whoever stops this process stops rerun too; a shell without job control has what it runs beside itself ignore Ctrl-C
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
@@ -131,7 +131,7 @@ def _viewer_files(recording_url: str) -> Iterator[int]:
 
 
 def _program() -> str:
-    """rerun's program in its wheel: started by itself, as what starts it there would leave it behind."""
+    """Return rerun's program in its wheel: started directly, as its launcher would leave it running."""
     wheel = find_spec("rerun_cli")
     if wheel is None or not wheel.submodule_search_locations:
         raise LMeasureError(message("error.rerun_s_program_is"))
@@ -201,4 +201,4 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the name of the class above
-        """Nothing: who looks sees."""
+        ...

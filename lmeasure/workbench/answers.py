@@ -31,7 +31,7 @@ HERE = Path(__file__).parent
 TEMPLATES = Jinja2Templates(directory=HERE / "templates")
 COOKIE = "lmeasure-language"
 UPLOADS = 2
-"""That are taken in at once; others wait."""
+"""Most uploads at once; others wait."""
 OF_PROGRAMS = ("/api/", "/along/")
 """Addresses that programs read: errors are JSON there."""
 Form = dict[str, list[str]]
@@ -111,7 +111,6 @@ class Bench:
         self.jobs = Jobs(self.folder, self.language, self.scheduler)
 
     async def close(self) -> None:
-        """End what works here."""
         await self.jobs.close()
 
     def shown(self, path: str) -> str:
@@ -120,12 +119,11 @@ class Bench:
 
     @property
     def project(self) -> Project:
-        """As it is now."""
         return replace(look_at(self.folder), known=bus_in_use(self.jobs), doubted=doubted(self.jobs, self.folder))
 
 
 def bench_of(request: Request) -> Bench:
-    """The state of the server that was asked."""
+    """Return the state of the server of a request."""
     bench: Bench = request.app.state.bench
     return bench
 
@@ -179,7 +177,7 @@ def as_file(path: Path, *, shown: bool = False) -> Response:
 
 
 def plain(text: str) -> str:
-    """Return a text that can be written: what a request spells may be half a letter."""
+    """Return a text that can be written: a request may contain half a letter."""
     return text.encode("utf-8", "replace").decode()
 
 
@@ -199,7 +197,7 @@ async def uploads_of(request: Request, most: int) -> AsyncIterator[tuple[Form, l
 
 
 def posted(answer: Callable[[Request, Form], Response]) -> Callable[[Request], Awaitable[Response]]:
-    """Return what answers with a posted form, empty where none was posted, in a thread: files are read and written there."""
+    """Return a handler that answers with a posted form, empty without one, in a thread: files are read and written there."""
 
     async def answered(request: Request) -> Response:
         form = await form_of(request) if request.method == "POST" else {}
@@ -209,7 +207,7 @@ def posted(answer: Callable[[Request, Form], Response]) -> Callable[[Request], A
 
 
 def unread(request: Request, error: Exception) -> Response:
-    """Say of what is no file of the project that it is not found, of what is there that it cannot be read, by its path in the project."""
+    """Report a path in the project: not found if it is no file of the project, else unreadable."""
     missing, language = isinstance(error, OutsideError), language_of(request)
     text = within(bench_of(request).folder, error, language)
     if request.scope["path"].startswith(OF_PROGRAMS):
@@ -229,5 +227,5 @@ def lost(request: Request, text: str) -> Response:
 
 
 def refused(request: Request, status: int, title: str, text: str) -> Response:
-    """A page that says why there is no other."""
+    """Return a page with the reason why there is no other."""
     return page(request, "error.html", status, title=title, text=plain(text))

@@ -23,7 +23,7 @@ def _commands() -> list[str]:
 
 
 def project(request: Request) -> Response:
-    """Return what the project has."""
+    """Return the content of the project."""
     found = bench_of(request).project.found
     return JSONResponse({"files": [{"kind": one.kind, "path": one.path} for one in found]})
 
@@ -65,7 +65,7 @@ def _as_text(value: Any) -> Any:
 
 
 async def job(request: Request) -> Response:
-    """One job, with what it said; posted to its end, it is ended."""
+    """Return one job, with its output; posted to its end, it is ended."""
     found = job_of(request)
     if request.method == "DELETE":
         await bench_of(request).jobs.cancel(found)

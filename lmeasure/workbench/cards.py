@@ -1,4 +1,4 @@
-"""Which commands stand on which page, and which of their options come first."""
+"""Commands of each page, and the order of their options."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ MORE = "workbench.more_options"
 
 @dataclass(frozen=True)
 class Page:
-    """A page of commands: its title, what it is for, its commands, and the kinds of files that it lists."""
+    """A page of commands: its title, its purpose, its commands, and the kinds of files that it lists."""
 
     title: str
     lead: str
@@ -183,12 +183,13 @@ ONWARD = {
     "certify": (("/run/verify?bundle={out}", "workbench.verify_certificate"), ("/trend", "workbench.certificates_over_time")),
     "register": (("/register?folder={register_dir}", "workbench.register"),),
 }
-"""Next step after a command; in braces stands what it was asked."""
+"""Next step after a command; braces contain its settings."""
 
 
 @dataclass(frozen=True)
 class Card:
-    """A command on a page. first are the fields that are always seen, more those in groups that open; needs says why it cannot be run."""
+    """A command on a page. first are the fields that are always visible, more those in groups that open; needs is the reason why it cannot
+    be run."""
 
     command: str
     page: str
@@ -210,7 +211,7 @@ def card(
     reported: Mapping[str, Any] | None = None,
     error: SettingsError | str | None = None,
 ) -> Card:
-    """The card of a command, with what was given in its fields, or what is given of some of them, and what is wrong with it beside them."""
+    """Return the card of a command, with its values or suggestions in the fields, and their faults beside them."""
     wrong = error if isinstance(error, SettingsError) else None
     fields = forms.fields(command, project, given, wrong, reported=reported)
     ahead = [*FIRST.get(command, ()), *(f.option.name for f in fields if f.option.required)]
@@ -230,7 +231,7 @@ STARTLESS = "workbench.start_pose_this_run"
 
 
 def hindered(command: str, given: Mapping[str, Any], folder: Path) -> str:
-    """Why a command cannot be run with what its form says: the run that it names lacks its start, and no channel can tell it."""
+    """Return why a command cannot be run with its form: its run lacks a start, and no channel can determine it."""
     run = given.get("measured" if command == "report" else "run")
     if command not in ("reconstruct", "certify", "report") or not isinstance(run, str) or given.get("start"):
         return ""
@@ -239,7 +240,7 @@ def hindered(command: str, given: Mapping[str, Any], folder: Path) -> str:
 
 
 def lacking(command: str, given: Mapping[str, Any]) -> tuple[str, str]:
-    """The option that a form lacks beside those that are always needed, and what is given of it; two empty texts where it lacks none."""
+    """Return the option that a form lacks beside those that are always needed, and its value; two empty texts if it lacks none."""
     if command == "plan-poses" and not any(given.get(name) for name in ("box", "extend", "robot")):
         return "box", "workbench.say_where_robot_may"
     return "", ""
@@ -250,7 +251,7 @@ def _started(run: Path) -> bool:
 
 
 def _start(command: str, project: Project) -> str:
-    """Return what keeps a trajectory from being certified: every run lacks its start, and no channel can tell it."""
+    """Return why a trajectory cannot be certified: every run lacks its start, and no channel can determine it."""
     runs = project.of("run")
     if command not in ("reconstruct", "certify") or not runs or (command == "certify" and project.of("trajectory")):
         return ""

@@ -1,6 +1,6 @@
-"""State of a cell, read from the files of its project: how well it measures, what was measured last, what is due.
+"""State of a cell, read from the files of its project: its uncertainty, its last measurement, due work.
 
-Read in the process of `worker`: files may be large, or made to be.
+Read in the process of `worker`: files may be large, or made to expand.
 """
 
 import datetime
@@ -27,7 +27,7 @@ LARGEST = 2**28
 
 
 class Tile(NamedTuple):
-    """One part of the state: its name, its heading, a value, what it is, a note in small type, a state (good, warn, bad, or none), and the
+    """One part of the state: its name, its heading, a value, its meaning, a note in small type, a state (good, warn, bad, or none), and the
     page that shows more."""
 
     name: str
@@ -40,7 +40,7 @@ class Tile(NamedTuple):
 
 
 class CellState(NamedTuple):
-    """State of a cell: verdict and its state (good, warn, bad); tiles; a drawing (SVG, or empty); lines of what is due, and whether any is
+    """State of a cell: verdict and its state (good, warn, bad); tiles; a drawing (SVG, or empty); lines of due work, and whether any is
     overdue; whether the last check of the instrument failed."""
 
     verdict: str
@@ -102,7 +102,7 @@ def _changed(path: Path) -> float | None:
 
 
 def _read(work: Callable[[], Any]) -> Any:
-    """Return what is read; None where it cannot be."""
+    """Return the file's content; None if it is unreadable."""
     try:
         return work()
     except CANNOT_READ:
@@ -203,7 +203,7 @@ def _certificate(path: Path, say: Say) -> tuple[str, str, str, str]:
 
 
 def _due(project: Project, say: Say) -> list[tuple[str, bool]]:
-    """Return the lines of what the project's registers await, and whether each is overdue."""
+    """Return the lines of due work in the project's registers, and whether each is overdue."""
     from lmeasure.register import Register, due, read_limits
 
     out, today = [], datetime.date.today()

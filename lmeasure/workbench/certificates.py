@@ -1,4 +1,4 @@
-"""Pages of certificates: the form of their details, verification of what is dropped, and their figures over time."""
+"""Pages of certificates: the form of their details, verification of dropped files, and their results over time."""
 
 import contextlib
 import datetime
@@ -28,7 +28,7 @@ HIGH, LEFT = 150, 60
 
 
 def details(request: Request, form: Form) -> Response:
-    """A details file as a form; posted, it is saved, or all complaints are shown with what was typed."""
+    """Answer with a details file as a form; a posted one is saved, or all complaints are shown with the typed values."""
     bench, language = bench_of(request), language_of(request)
     known = bench.project.of("details")
     typed = {key: values[-1] for key, values in form.items()}
@@ -49,7 +49,7 @@ def details(request: Request, form: Form) -> Response:
 
 
 def preview(request: Request, form: Form) -> Response:
-    """Return how what is typed will be printed, in both languages; which rows nothing fills; what is wrong."""
+    """Answer with the printed form of the typed values, in both languages; empty rows; faults."""
     typed = {key: values[-1] for key, values in form.items()}
     content = form_of_details.filled({}, typed)
     wrong = form_of_details.complaints(content, "details")

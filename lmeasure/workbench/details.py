@@ -1,5 +1,5 @@
-"""Details of a certificate besides its results, as a form: lamps for what ISO/IEC 17025 asks and nobody states; how it is printed in
-both languages."""
+"""Details of a certificate besides its results, as a form: lamps for missing statements of ISO/IEC 17025, and the printed form in both
+languages."""
 
 import copy
 import datetime
@@ -15,8 +15,8 @@ from lmeasure.workbench.text import said
 
 
 class Entry(NamedTuple):
-    """A field: its key in the file; the row of the certificate that it fills, empty for one that nobody asks for; what it is called where
-    that row has several; its kind: text, day, number, long."""
+    """A field: its key in the file; its row of the certificate, empty for an optional one; its name if that row has several; its kind:
+    text, day, number, long."""
 
     key: str
     row: str
@@ -101,7 +101,7 @@ def _text(value: Any) -> str:
 
 
 def filled(before: Mapping[str, Any], form: Mapping[str, str]) -> dict[str, Any]:
-    """The content of a file with what the form says; what the form has no field for stays, what was emptied goes."""
+    """Return the content of a file with the form's values; keys without a field stay, emptied ones go."""
     content = {"schema": SCHEMA, **copy.deepcopy(dict(before))}
     for entry in ENTRIES:
         text, (*tables, name) = form.get(entry.key, "").replace("\r\n", "\n").strip(), entry.key.split(".")
@@ -124,7 +124,7 @@ def _value(text: str, entry: Entry, before: Any) -> Any:
 
 
 def complaints(content: Mapping[str, Any], name: str) -> list[str]:
-    """Return what of a content is no details file, all at once."""
+    """Return all faults of a content as a details file."""
     try:
         checked(dict(content), Details, name)
     except LMeasureError as error:
@@ -133,7 +133,7 @@ def complaints(content: Mapping[str, Any], name: str) -> list[str]:
 
 
 def missing(content: Mapping[str, Any]) -> list[str]:
-    """Rows that ISO/IEC 17025:2017, 7.8.2 asks for and nothing fills."""
+    """Return rows that ISO/IEC 17025:2017, 7.8.2 requires and nothing fills."""
     rows = dict.fromkeys(entry.row for entry in ENTRIES if entry.row)
     return [row for row in rows if all(_at(content, entry.key) in (None, "") for entry in ENTRIES if entry.row == row)]
 

@@ -1,4 +1,4 @@
-"""Forms of commands: their fields from the models of their settings, and what was filled in as a checked command line."""
+"""Forms of commands: their fields from the models of their settings, and the filled values as a checked command line."""
 
 import json
 import os
@@ -18,11 +18,11 @@ from lmeasure.workflows import Option, Writing, as_arguments, command_line, form
 HIDDEN = {"scheduler", "browser"}
 """Options that would make this machine ask another one, or open a window."""
 INSTEAD: dict[str, set[str]] = {"import": {"position_mm", "quaternion_xyzw"}, "zone": {"tilt_rad"}, "mechanism": {"tilt_rad"}}
-"""Options beside which another asks for the same."""
+"""Options that replace others."""
 NOT_HERE = {"docs", "inspect", "view", "warm", "schema", "workbench"}
 """Commands that a page has in another way: they print, or open windows."""
 ALWAYS: dict[str, dict[str, Any]] = {"record": {"live": True}}
-"""Options that a page always asks for."""
+"""Options that a page always sets."""
 KINDS = {
     "rig": ("rig",),
     "poses": ("poses",),
@@ -44,7 +44,7 @@ KINDS = {
     "key": ("key",),
     "public_key": ("public key",),
 }
-"""Which files of the project a field offers, by its name."""
+"""Kinds of the project's files that a field offers, by its name."""
 BY_COMMAND = {
     ("verify", "bundle"): ("certificate",),
     ("compare", "certificates"): ("certificate",),
@@ -85,7 +85,7 @@ SUGGESTED = {
 TAKEN = {("play", "poses"), ("play", "commands"), ("plan-poses", "rig")}
 """Options that are not required, and taken if the project has the file."""
 TAKEN_ALONE = {("certify", "run")}
-"""Options that are not required, and taken if the project has one such file: of several nobody knows which."""
+"""Optional options filled with the project's file if it has only one."""
 _SPLIT = re.compile(r"[,;=:\s]")
 _FLAG = re.compile(r"--[a-z][a-z0-9-]*")
 _WORD = re.compile(r"`([^`]+)`")
@@ -93,7 +93,7 @@ _WORD = re.compile(r"`([^`]+)`")
 
 @dataclass(frozen=True)
 class FieldOf:
-    """A field of a form: its option, what stands in it, what it offers, what is wrong with it; what the options beside it are called."""
+    """A field of a form: its option, its value, its choices, its fault; the labels of other options."""
 
     option: Option
     value: str
@@ -102,7 +102,7 @@ class FieldOf:
     labels: Mapping[str, str] = field(default_factory=dict)
 
     def help_text(self, say: Callable[..., str]) -> str:
-        """The help, with the range; other options stand in it by their labels, as on the page."""
+        """Return the help, with the range; other options in it have their labels on the page."""
 
         def named(found: re.Match[str]) -> str:
             label = self.labels.get(found[0])
@@ -127,7 +127,7 @@ def fields(
     *,
     reported: Mapping[str, Any] | None = None,
 ) -> list[FieldOf]:
-    """The fields of a command: what was given stands in them; else what is given of some, and what the project suggests for the others."""
+    """Return the fields of a command: with the given values, else defaults of some, and the project's suggestions for the others."""
     values = given if given is not None else reported or {}
     out = []
     every = options_of(load(command).settings)
@@ -160,7 +160,7 @@ def offered(command: str, name: str, project: Project) -> tuple[str, ...]:
 
 
 def suggested(command: str, name: str, project: Project) -> str:
-    """A name for what will be written, or what this page usually asks for; names that are taken get a number."""
+    """Return a name for an output, or the page's usual value; used names get a number."""
     if (command, name) == ("play", "bus"):
         return own_bus(project.folder)
     text = SUGGESTED.get((command, name), "")
@@ -175,8 +175,8 @@ def suggested(command: str, name: str, project: Project) -> str:
 
 
 def filled_in(command: str, form: Mapping[str, Sequence[str]]) -> dict[str, Any]:
-    """What a form says: texts by option, lists where an option may be repeated, True and False for switches. A switch that the form has not
-    is off where the form says that it has switches (`_form`)."""
+    """Return a form's values: texts by option, lists for repeated options, True and False for switches. A missing switch is off if the form
+    has switches (`_form`)."""
     out: dict[str, Any] = {}
     for option in options_of(load(command).settings):
         texts = [text.strip() for text in form.get(option.name, ())]
@@ -192,15 +192,15 @@ def filled_in(command: str, form: Mapping[str, Sequence[str]]) -> dict[str, Any]
 
 
 def defaults(command: str) -> dict[str, Any]:
-    """Return what a command takes for what nobody says, but for switches."""
+    """Return the default values of a command, except for switches."""
     return {o.name: o.default for o in options_of(load(command).settings) if o.default and o.kind != "flag"}
 
 
 def asked(command: str, given: Mapping[str, Any], folder: Path) -> list[str]:
-    """The words after `lmeasure` of a filled in form.
+    """Return the words after `lmeasure` for a filled form.
 
-    SettingsError, with its option, for what is missing, out of range, or leads out of the project; LMeasureError for a command that pages
-    do not run.
+    SettingsError, with its option, for a missing value, one out of range, or a path out of the project; LMeasureError for a command that
+    pages do not run.
     """
     if command in NOT_HERE:
         raise LMeasureError(message("error.is_not_run_from", command=command))
@@ -256,12 +256,12 @@ def _own_or_device(part: str, folder: Path) -> None:
 
 
 def written_down(command: str, given: Mapping[str, Any]) -> str:
-    """The command line of a form as it stands, which need not be right yet."""
+    """Return the command line of an unfinished form, which may be wrong."""
     return shlex.join(["lmeasure", *command_line(command, load(command).settings, {**given, **ALWAYS.get(command, {})})])
 
 
 def of_words(command: str, words: Sequence[str]) -> dict[str, Any]:
-    """Return what a job's command line says, as the fields of its form: the way back of `asked`."""
+    """Return the fields of a form from a job's command line: the inverse of `asked`."""
     options = options_of(load(command).settings)
     flags = {option.flag.partition("/")[0]: option for option in options}
     model = load(command).settings.model_fields

@@ -1,12 +1,12 @@
-"""Who is let in: a browser that was given a one-time address, and programs that know the token.
+"""Access control: a browser with a one-time address, and programs with the token, are let in.
 
-Cookies know no ports: every server of 127.0.0.1 is sent those of this one. A session is therefore two secrets. One is a part of the path
-of all its pages (`/~SECRET/rig`), the other a cookie for that path alone. No other server is sent the cookie, for nobody asks it for that
-path; and neither secret is worth anything without the other. A page can read its own address. So reports and other files with scripts of
-their own are shown at addresses outside that path, each good for one file.
+Cookies ignore ports: every server of 127.0.0.1 receives those of this one. A session is therefore two secrets. One is a part of the path of
+all its pages (`/~SECRET/rig`), the other a cookie for that path alone. No other server receives the cookie, as it has no such path; and
+neither secret is useful without the other. A page can read its own address. So reports and other files with scripts of their own are shown
+at addresses outside that path, each good for one file.
 
-Besides: names that lead here from elsewhere (Host), requests of other pages (Origin, Sec-Fetch-Site), frames around our pages, scripts in
-what is shown (Content-Security-Policy), and requests of no sensible size.
+Further checks: names that lead here from elsewhere (Host), requests of other pages (Origin, Sec-Fetch-Site), frames around our pages,
+scripts in shown files (Content-Security-Policy), and requests of a wrong size.
 """
 
 import hashlib
@@ -46,7 +46,7 @@ REPORT = (
     "sandbox allow-scripts allow-popups allow-downloads; default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval'; "
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; frame-ancestors 'self'"
 )
-"""Of a page that a command wrote, with its scripts inside it: it may draw, and reach nothing, neither this server nor another."""
+"""Policy for a page that a command wrote, with its scripts inside it: it may draw, but reach neither this server nor another."""
 
 
 class Site(NamedTuple):
@@ -117,12 +117,12 @@ class Door:
         return session is not None and _same(cookie, session.cookie)
 
     def key(self, path: str) -> str:
-        """Return the part of the address at which a file of the project is shown to who knows it."""
+        """Return the secret part of the address of one file of the project."""
         return hmac.new(self._key, path.encode("utf-8", "surrogatepass"), hashlib.sha256).hexdigest()[:40]
 
 
 class Guard:
-    """Lets through to app what comes from a session or with the token, to the site by its own name, and not from another page."""
+    """Let through to app requests from a session or with the token, under the site's own name, and not from another page."""
 
     def __init__(self, app: ASGIApp, door: Door, port: int, site: Site = ON_LOOPBACK) -> None:
         self.app, self.door, self.site = app, door, site
@@ -147,7 +147,7 @@ class Guard:
         await self.app(let_in, _bounded(receive, most), _answering(send, let_in["at"]))
 
     def _let_in(self, scope: Scope) -> Scope | Response:
-        """Return the request as the pages know it, its session's path in `at`, or what is answered to one who may not come in."""
+        """Return the request for the pages, with its session's path in `at`, or the refusal."""
         headers, path = Headers(scope=scope), scope["path"]
         if headers.get("host", "") != self.host:
             return _refusal(headers, message("guard.other_host", host=self.site.name))
@@ -181,8 +181,8 @@ class Guard:
         return {**scope, "path": f"/{rest}", "raw_path": f"/{rest}".encode(), "at": f"/{begin}"}
 
     def _welcome(self, session: Session) -> Response:
-        """A page that leads on by itself. After a redirection the browser would not send the cookie: whoever opened the address, a file or
-        a mail, would have asked."""
+        """Return a page that leads on by itself. After a redirection the browser would not send the cookie, since the request came from a
+        file or a mail."""
         answer = HTMLResponse(
             f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0;url={session.path}/"><title>lmeasure</title>'
             f'<link rel="icon" href="data:,"><a href="{session.path}/">lmeasure</a>'
@@ -216,7 +216,7 @@ def _too_large(most: int) -> str:
 
 
 def _strange(path: str, headers: Headers) -> Response | None:
-    """Return what is answered to a request of no sensible form; None to any other."""
+    """Return the refusal of a malformed request; None for others."""
     encoded = path.encode("utf-8", "surrogatepass")
     if b"\0" in encoded or len(encoded) > LARGEST_PATH or any(len(part) > LARGEST_NAME for part in encoded.split(b"/")):
         return _refusal(headers, message("guard.no_page"), 404)
@@ -245,7 +245,7 @@ def _bounded(receive: Receive, most: int) -> Receive:
 
 
 def secured(headers: MutableHeaders) -> None:
-    """Set what every answer says to the browser about scripts, frames, copies and addresses."""
+    """Set the headers of every answer on scripts, frames, copies and addresses."""
     headers.setdefault("Content-Security-Policy", PAGE)
     headers.setdefault("Cache-Control", "no-store")
     headers["X-Content-Type-Options"] = "nosniff"

@@ -1,4 +1,4 @@
-"""Jobs: commands as processes, what they say as it comes, and what is left of them when the server is gone.
+"""Jobs: commands as processes, their output as it comes, and their state after the server is gone.
 
 A job is a folder, PROJECT/.workbench/jobs/NUMBER: `asked.json` (command line, when), `said.jsonl` (every line that stays) and, once it
 ended, `end.json` (exit code, the document of `--json`). One without an end whose process is gone was interrupted.
@@ -23,7 +23,7 @@ from lmeasure.workbench.project import OWN
 
 RUNNING, DONE, FAILED, CANCELLED, INTERRUPTED = "running", "done", "failed", "cancelled", "interrupted"
 PASSING = ("progress", "state", "live", "cell", "moved", "capture", "scan")
-"""Events of which only the last counts; they are not kept on disk."""
+"""Events of which only the last is kept, not on disk."""
 SCHEDULED = ("batch", "zone")
 """Commands that take a scheduler."""
 PATIENCE_S = 8.0
@@ -35,7 +35,7 @@ LARGEST = 2**26
 
 @dataclass
 class Job:
-    """One job. watchers are the queues of those who look on; last holds the last of each passing event."""
+    """One job. watchers are the queues of the listeners; last contains the last of each passing event."""
 
     number: int
     command: str
@@ -57,12 +57,11 @@ class Job:
         return shlex.join(["lmeasure", *self.words])
 
     def about(self) -> dict[str, Any]:
-        """For the API and pages."""
         keys = ("number", "command", "line", "begun", "ended", "state", "result")
         return {key: getattr(self, key) for key in keys} | {"progress": self.last.get("progress")}
 
     def tell(self, event: dict[str, Any]) -> None:
-        """Keep an event and hand it to all who look on."""
+        """Keep an event and send it to all listeners."""
         if event.get("event") in PASSING:
             self.last[str(event["event"])] = event
         else:
@@ -99,9 +98,9 @@ class Jobs:
         return [job for job in self.all() if job.state == RUNNING]
 
     async def begin(self, words: list[str]) -> Job:
-        """Begin a command in the project folder; words are those after `lmeasure`, in which no path is absolute. One that is at work
-        already, asked for by another page or a second click, is that job. Where a scheduler was stated, commands for many processes use it.
-        LMeasureError where its folder cannot be written."""
+        """Begin a command in the project folder; words are those after `lmeasure`, in which no path is absolute. A running one, requested
+        again by another page or a second click, is that job. With a stated scheduler, commands for many processes use it. LMeasureError if
+        its folder cannot be written."""
         if self.scheduler is not None and words[0] in SCHEDULED and "--scheduler" not in words:
             words = [words[0], "--scheduler", self.scheduler, *words[1:]]
         async with self._beginning:
@@ -141,7 +140,7 @@ class Jobs:
         return job
 
     async def type(self, job: Job, text: str) -> bool:
-        """Hand a line to a job that asks; False where it does not read any more."""
+        """Send a line to a job that reads answers; False if it does not read any more."""
         if job.process is None or job.process.stdin is None or job.state != RUNNING:
             return False
         job.last.pop("asked", None)
@@ -154,7 +153,7 @@ class Jobs:
         return True
 
     async def cancel(self, job: Job) -> None:
-        """End a job as Ctrl-C would: what it recorded is kept."""
+        """End a job as Ctrl-C would: its recording is kept."""
         if job.process is None or job.state != RUNNING:
             return
         job.cancelling = True
@@ -173,7 +172,7 @@ class Jobs:
             await asyncio.wait(self._tasks, timeout=PATIENCE_S)
 
     async def watch(self, job: Job) -> AsyncIterator[dict[str, Any]]:
-        """All that was said, the last of what passes, then what comes, until the end."""
+        """Yield all output so far, the last of each passing event, then further output until the end."""
         queue: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         before = [*job.said, *(event for kind, event in job.last.items() if kind != "asked")]
         job.watchers.add(queue)

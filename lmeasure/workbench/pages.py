@@ -1,4 +1,4 @@
-"""The pages: each answers with a template; what is done is done by a job."""
+"""Pages of the workbench: each answers with a template; jobs do the work."""
 
 import contextlib
 import re
@@ -40,7 +40,7 @@ STEP_NAMES = {
 
 LEADS = {f"/{name}": one.lead for name, one in PAGES.items()} | {"/rig": "workbench.every_dimension_instrument_plain"}
 LASTING = ("record", "watch", "capture", "play")
-"""Commands whose end is somebody's wish: what they have written by then is kept."""
+"""Commands that the user ends: their output until then is kept."""
 SHOWN = {"calibrate": "calibration", "zone": "zone", "runs": "run", "robot": "certificate", "check": "check"}
 """Pages of commands whose last result is above them: the tile of the cell's state."""
 OWN = ("runs", "robot", "zone", "check", "calibrate")
@@ -48,7 +48,7 @@ OWN = ("runs", "robot", "zone", "check", "calibrate")
 
 
 async def home(request: Request, wrong: str = "", typed: str = "") -> Response:
-    """The state of the cell and what comes next, and the projects beside it; wrong is what is wrong with a name that was typed for one."""
+    """Answer with the state of the cell, its next step, and the projects beside it; wrong is the fault of a name typed for one."""
     project = await run_in_threadpool(lambda: bench_of(request).project)
     return await run_in_threadpool(_home, request, project, await _state(request, project), wrong, typed)
 
@@ -111,7 +111,7 @@ def _made(folder: Path) -> None:
 
 
 async def one_command(request: Request) -> Response:
-    """The form of any command, filled with what the address says; posted, it begins a job."""
+    """Answer with the form of any command, filled from the address; posted, it begins a job."""
     form = await form_of(request) if request.method == "POST" else None
     asked = await run_in_threadpool(_asked, request, form)
     if isinstance(asked, Response):
@@ -124,7 +124,7 @@ async def one_command(request: Request) -> Response:
 
 
 def _asked(request: Request, form: Form | None) -> Response | list[str]:
-    """Return the words of the job that a form asks for, or the page of the form."""
+    """Return the words of a form's job, or the page of the form."""
     name, bench = request.path_params["command"], bench_of(request)
     if name not in COMMANDS or name in forms.NOT_HERE:
         return lost(request, said(language_of(request), "workbench.no_command_runs_from", name=name))
@@ -152,14 +152,14 @@ def _asked(request: Request, form: Form | None) -> Response | list[str]:
 
 
 def _wrong(request: Request, form: Form, error: LMeasureError) -> Response:
-    """The form of a command, with what is wrong with it."""
+    """Answer with the form of a command and its fault."""
     name = request.path_params["command"]
     reported = error if isinstance(error, SettingsError) else why(language_of(request), error)
     return _form(request, name, given=forms.filled_in(name, form), error=reported, status=422)
 
 
 def line(request: Request, form: Form) -> Response:
-    """The command line of a form as it stands, and what is wrong with it."""
+    """Answer with the command line of an unfinished form, and its fault."""
     name, bench = request.path_params["command"], bench_of(request)
     if name not in COMMANDS or name in forms.NOT_HERE:
         return JSONResponse({"error": "no such command"}, 404)
@@ -194,7 +194,7 @@ def _form(
 
 
 def job(request: Request) -> Response:
-    """A job: what it says, and what it made."""
+    """Answer with a job: its output and its files."""
     found, bench = job_of(request), bench_of(request)
     files = files_of(found, bench.folder)
     shown = [path for path in files if path.endswith(".html")][:2]
@@ -203,8 +203,8 @@ def job(request: Request) -> Response:
 
 
 def _onward(job: Job) -> tuple[tuple[str, str], ...]:
-    """What comes after a job, nothing where it failed, or was ended before it had written anything; a self-test that found faults is done
-    again with the rig that it corrected."""
+    """Return the next steps after a job, none if it failed, or was ended before it had written anything. A self-test that found faults is
+    repeated with the corrected rig."""
     asked = _query(job)
     if job.command == "check" and job.state == FAILED and asked.get("write"):
         corrected = asked | {"rig": asked["write"], "write": ""}
@@ -216,7 +216,7 @@ def _onward(job: Job) -> tuple[tuple[str, str], ...]:
 
 
 def _query(job: Job) -> dict[str, Any]:
-    """Return what a job was asked, as the fields of its form."""
+    """Return the settings of a job, as the fields of its form."""
     return {**forms.of_words(job.command, job.words), "_form": "1"}
 
 
@@ -238,7 +238,7 @@ async def last(request: Request) -> Response:
 
 
 async def answer(request: Request) -> Response:
-    """A line for a job that asks, or its end."""
+    """Send a line to a job that reads answers, or end it."""
     found, bench = job_of(request), bench_of(request)
     if request.scope["path"].endswith("/cancel"):
         await bench.jobs.cancel(found)
@@ -274,7 +274,7 @@ def _shelf(request: Request) -> Shelf:
 
 
 async def begin(request: Request) -> Response:
-    """Begin a project and show it among the others; what is wrong with its name is beside it."""
+    """Begin a project and show it among the others, with the fault of its name."""
     shelf, name = _shelf(request), (await form_of(request)).get("name", [""])[-1].strip()
     try:
         await run_in_threadpool(shelf.begin, name)
@@ -284,7 +284,7 @@ async def begin(request: Request) -> Response:
 
 
 def go(request: Request) -> Response:
-    """Open a project, where it is not open yet, and go there. It may be asked for as often as one likes."""
+    """Open a project, if it is not open yet, and go there. Repeated requests are harmless."""
     shelf = _shelf(request)
     try:
         path = shelf.path(request.path_params["name"])

@@ -1,8 +1,8 @@
-"""Processes of jobs: forked from one that has loaded what commands need, or begun by themselves where there is none.
+"""Processes of jobs: forked from one that has loaded the modules of commands, or started alone without one.
 
-The first takes 0.1 s to its first word, the second 1 to 3 s. There is one prepared process (lmeasure.cli.fork_server) for all projects of a
-server, begun once a page has been shown or a job has ended, so that the first page need not wait for it; until it has loaded all, where the
-system forks otherwise (Windows, macOS) and where it has died, jobs are begun by themselves.
+The first takes 0.1 s to its first output, the second 1 to 3 s. There is one prepared process (lmeasure.cli.fork_server) for all projects of
+a server. It starts after a page has been shown or a job has ended, so that the first page need not wait for it. Until it has loaded
+everything, on systems with another fork (Windows, macOS) and after its death, jobs are started alone.
 """
 
 import asyncio
@@ -22,9 +22,9 @@ from typing import IO
 PREPARED = (sys.executable, "-P", "-m", "lmeasure.cli.fork_server")
 """-P: a file of the project called random.py is no library of Python."""
 READY, ONE = b"ready", b"one"
-"""That it has loaded all; that it shall fork one."""
+"""Messages: everything is loaded; fork one."""
 ALONE = {"OPENBLAS_NUM_THREADS": "1", "NUMEXPR_NUM_THREADS": "1", "JE_ARROW_MALLOC_CONF": "background_thread:false"}
-"""By which libraries begin no threads when they are loaded: what has several is not forked."""
+"""Settings by which libraries start no threads when loaded: a process with several is not forked."""
 ANSWER_S = 5.0
 PAUSE_S = 0.5
 LIMIT = 2**24
@@ -39,7 +39,7 @@ class Typed:
         self._file: IO[bytes] = os.fdopen(descriptor, "wb", buffering=0)
 
     def write(self, data: bytes) -> None:
-        """OSError where nobody reads, or has not for long; ValueError once it is closed."""
+        """Write data; OSError if nothing has read it for long; ValueError once it is closed."""
         self._file.write(data)
 
     async def drain(self) -> None:
@@ -143,7 +143,7 @@ class _Prepared:
                 atexit.register(self.end)
 
     def end(self) -> None:
-        """End it; what was forked goes on."""
+        """End it; forked processes continue."""
         with self._turn:
             if self._process is not None and self._control is not None:
                 self._control.close()
@@ -152,7 +152,7 @@ class _Prepared:
                 self._process.wait()
 
     def ready(self) -> bool:
-        """Whether it has loaded all."""
+        """Return whether it has loaded everything."""
         with self._turn:
             return self._is_ready()
 
@@ -216,7 +216,7 @@ async def _forked(words: list[str], folder: Path, environment: Mapping[str, str]
 
 
 def _pipe(reads: contextlib.ExitStack, writes: contextlib.ExitStack) -> tuple[int, int]:
-    """A pipe whose ends are closed by who holds them."""
+    """Return a pipe whose ends are closed by their owners."""
     ends = os.pipe()
     reads.callback(os.close, ends[0])
     writes.callback(os.close, ends[1])

@@ -1,4 +1,4 @@
-"""A project folder: what lies in it, found from the files themselves, and what comes next. The command line and the workbench share it."""
+"""A project folder: its content, found from the files themselves, and the next step. The command line and the workbench share it."""
 
 import contextlib
 import json
@@ -33,7 +33,7 @@ class OutsideError(LMeasureError):
 
 @dataclass(frozen=True)
 class Found:
-    """One thing of the project: its kind (rig, calibration, record, run, trajectory, zone, program, certificate, poses, robot, page,
+    """An object of the project: its kind (rig, calibration, record, run, trajectory, zone, program, certificate, poses, robot, page,
     recording, log, ...) and its path in the folder, with slashes."""
 
     kind: str
@@ -42,12 +42,12 @@ class Found:
 
 @dataclass(frozen=True)
 class Project:
-    """A folder and what is in it."""
+    """A folder and its content."""
 
     folder: Path
     found: tuple[Found, ...] = field(repr=False, default=())
     known: Mapping[str, str] = field(repr=False, default_factory=dict)
-    """Values that are known beside files, by options: the bus that is used, and where a simulated robot stands."""
+    """Values known beside files, by options: the used bus, and the pose of a simulated robot."""
     doubted: frozenset[str] = field(repr=False, default=frozenset())
     """Files of failed jobs: a form offers them last, and fills none of them in."""
 
@@ -67,8 +67,8 @@ def look_at(folder: Path) -> Project:
 
 
 def inside(folder: Path, text: str) -> Path:
-    """The path of a text within the folder; OutsideError for one that leads elsewhere, by dots, links or drives, or to what is hidden: all
-    whose name begins with a dot, the workbench's own folder and those of other programs."""
+    """Return the path of a text within the folder. OutsideError for one that leads elsewhere, by dots, links or drives, or to hidden files:
+    all names that begin with a dot, such as the workbench's own folder."""
     if "\0" in text or not text.strip() or len(text) > LONGEST:
         raise OutsideError(message("error.is_no_path", text=text[:200]))
     root = folder.resolve()
@@ -102,14 +102,13 @@ def _walk(folder: Path, deep: int = DEEP) -> Iterator[Path]:
 
 
 def _aside(here: Path, name: str) -> bool:
-    """Whether a folder in another holds nothing of the project's own: what a certificate has copies of is there once already, and the truth
-    of what is simulated is nobody's rig, poses or robot."""
+    """Return whether a folder in another contains nothing of the project's own: a certificate's copies, or the truth of a simulation."""
     beside = {"inputs": ("certificate.json",), "true": ("reference_poses.csv", "robot.toml")}
     return any((here / file).is_file() for file in beside.get(name, ()))
 
 
 def _kinds(folder: Path, path: Path) -> Iterator[Found]:
-    """What a file is; a folder is known by the file that makes it what it is."""
+    """Yield the kind of a file; a folder is known by the file that makes its kind."""
     here, above = path.relative_to(folder).as_posix(), path.parent.relative_to(folder).as_posix()
     suffix = path.suffix.lower()
     if path.name == "run.toml":
@@ -189,7 +188,7 @@ def _links(path: Path) -> bool:
 
 
 class Step(NamedTuple):
-    """A step of the whole job: its name, the page for it, whether it is done, and what of it there is."""
+    """A step of the whole job: its name, its page, whether it is done, and its objects."""
 
     name: str
     page: str
@@ -221,7 +220,7 @@ def following(way: Sequence[Step]) -> Step | None:
 
 
 def _sealed(folder: Path) -> bool:
-    """Whether a certificate's folder has the manifest by which it is verified."""
+    """Return whether a certificate's folder has its manifest."""
     try:
         return bool(json.loads(read_regular(folder / "certificate.json", LARGEST_JSON)).get("characteristics"))
     except (LMeasureError, OSError, ValueError, RecursionError, AttributeError):

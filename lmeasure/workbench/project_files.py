@@ -1,4 +1,4 @@
-"""Pages of the things of a project: its files, a rig, a run's start, a certificate that is brought in."""
+"""Pages of a project's objects: its files, a rig, a run's start, an uploaded certificate."""
 
 import contextlib
 import re
@@ -77,7 +77,7 @@ def look(request: Request) -> Response:
 
 
 def _uses(here: str, path: Path) -> list[tuple[str, str]]:
-    """Return what may be done with a file."""
+    """Return the possible uses of a file."""
     if (path / "run.toml").is_file():
         return [
             (f"/run/reconstruct?{urlencode({'run': here})}", "workbench.reconstruct_trajectory"),
@@ -126,7 +126,7 @@ async def upload(request: Request) -> Response:
 
 
 def rig(request: Request, form: Form) -> Response:
-    """The rig as a form; posted, it is saved, or all complaints are shown with what was typed."""
+    """Answer with the rig as a form; a posted one is saved, or all complaints are shown with the typed values."""
     bench = bench_of(request)
     project = bench.project
     complaints: list[str] = []
@@ -184,8 +184,8 @@ def rig_scene(request: Request) -> Response:
 
 
 async def coarse(request: Request) -> Response:
-    """How good the rig would be with its points where they are dragged to: posted {file, points: {name: [x, y, z]}, limit_deg}. That a rig
-    has no zone, as two cables have none, is an answer too: {error}."""
+    """Answer with the quality of a rig whose points are dragged: posted {file, points: {name: [x, y, z]}, limit_deg}. A rig without a zone,
+    such as two cables, has an answer too: {error}."""
     bench = bench_of(request)
     try:
         content = await request.json()
@@ -205,13 +205,13 @@ async def coarse(request: Request) -> Response:
 
 
 async def compiled(request: Request) -> Response:
-    """Which kernel this server compiles just now, and for how long [s]: why the first coarse zone on a machine takes so long."""
+    """Answer with the kernel that this server compiles just now, and its time [s]: the reason for a slow first coarse zone."""
     now = compilation.now()
     return JSONResponse({} if now is None else {"name": now[0], "seconds": now[1]})
 
 
 def start(request: Request, form: Form) -> Response:
-    """Where the counters of a run were zeroed: shown, and stated."""
+    """Show or state the pose of a run's zeroing."""
     bench, error = bench_of(request), ""
     folder = inside(bench.folder, request.path_params["path"])
     table = folder / "run.toml"

@@ -22,15 +22,15 @@ class Opener(Protocol):
     """Server of projects."""
 
     def address(self, folder: Path, shelf: "Shelf") -> str:
-        """Where one is served, from now on if it was not."""
+        """Return the address of a project, serving it from now on if needed."""
 
     def is_open(self, folder: Path) -> bool:
-        """Whether one is."""
+        """Return whether a project is open."""
 
 
 class Beside(NamedTuple):
-    """A project of the shelf: its name, when it was last worked on (seconds since 1970, 0 for never), whether it is open, what its register
-    states as due, and whether any of that is overdue."""
+    """A project of the shelf: its name, its last use (seconds since 1970, 0 for never), whether it is open, due work in its register, and
+    whether any of that is overdue."""
 
     name: str
     used_s: float
@@ -41,7 +41,7 @@ class Beside(NamedTuple):
 
 @dataclass(frozen=True)
 class Shelf:
-    """The folder within which projects are, and what serves them."""
+    """The folder of projects, and their servers."""
 
     folder: Path
     desk: Opener
@@ -75,7 +75,7 @@ class Shelf:
 
 
 def _due(folder: Path) -> tuple[tuple[Message, ...], bool]:
-    """Return the lines of what the register of a project states as due, and whether any is overdue; nothing where it has none."""
+    """Return the lines of due work in the register of a project, and whether any is overdue; empty without one."""
     from lmeasure.register import FILE, Register, due, read_limits
 
     place = folder / REGISTER

@@ -43,12 +43,12 @@ def _placement(content: dict[str, Any], name: str) -> object:
 
 
 KINDS: dict[str, Callable[[dict[str, Any], str], object]] = {"rig": rig_from_dict, "drum": _drums, "placement": _placement}
-"""Files that have a form, by the middle of their schema, and what refuses a content that is none."""
+"""Files that have a form, by the middle of their schema, and the check of a content."""
 
 
 class Leaf(NamedTuple):
-    """A value of the file: its place as a text, `observation_point.0.position_mm.1`, and what its field shows. within: the table inside
-    that of its thing; axis: which of a row of numbers."""
+    """A value of the file: its place as a text, `observation_point.0.position_mm.1`, and the content of its field. within: the table inside
+    that of its object; axis: the index in a row of numbers."""
 
     key: str
     within: str
@@ -74,7 +74,7 @@ class Thing(NamedTuple):
 
 
 def read(path: Path) -> tuple[Any, str]:
-    """The document and the digest of the file, by which a change by others is seen."""
+    """Return the document and the digest of the file, which shows a change by others."""
     if path.stat().st_size > LARGEST_TEXT:
         raise OutsideError(message("error.too_large_for_such", where=path.name))
     document = files.read_toml(path)
@@ -82,7 +82,7 @@ def read(path: Path) -> tuple[Any, str]:
 
 
 def kind_of(path: Path) -> str:
-    """Which of KINDS a file says that it is; empty for none."""
+    """Return the kind of a file among KINDS; empty for none."""
     kind = schema_of(path) if path.suffix == ".toml" and path.is_file() else ""
     return kind if kind in KINDS else ""
 
@@ -93,7 +93,7 @@ def digest(path: Path) -> str:
 
 
 def parts(document: Mapping[str, Any]) -> list[tuple[Thing, list[Leaf]]]:
-    """The values of a rig by the thing that they belong to."""
+    """Return the values of a rig by their object."""
     guesses = set(document.get("assumed", ()))
     out: list[tuple[Thing, list[Leaf]]] = []
     general = list(_leaves({k: v for k, v in document.items() if not isinstance(v, dict | list)}, "", guesses, ""))
@@ -149,7 +149,7 @@ def _readable(name: str) -> str:
 
 
 def filled(document: Mapping[str, Any], form: Mapping[str, str]) -> tuple[dict[str, Any], list[str]]:
-    """The content with what the form says, and what of the form is no value; keys that the file has not are refused."""
+    """Return the content with the form's values, and wrong values of the form; unknown keys are refused."""
     content = copy.deepcopy(dict(document))
     wrong: list[str] = []
     for _, leaves in parts(document):
@@ -182,7 +182,7 @@ def _put(content: Any, way: list[str], value: Any) -> None:
 
 
 def save(path: Path, form: Mapping[str, str]) -> list[str]:
-    """Write what the form says into the file; complaints, all at once, where it would not be what it is, and then nothing is written."""
+    """Write the form's values into the file. If the result would not be valid, return all complaints, and write nothing."""
     document, now = read(path)
     if form.get("_digest") != now:
         return [message("rig_file.changed", name=path.name)]
@@ -194,7 +194,7 @@ def save(path: Path, form: Mapping[str, str]) -> list[str]:
 
 
 def faults(path: Path, content: Mapping[str, Any]) -> list[str]:
-    """Return what keeps the content of a file from being what its schema says."""
+    """Return the contradictions of a file's content with its schema."""
     try:
         KINDS[schema_of(path)](dict(content), path.name)
     except LMeasureError as error:
@@ -218,8 +218,9 @@ COARSE = 12
 
 
 def coarse(path: Path, points: Mapping[str, tuple[float, ...]], limit_deg: float = 60.0) -> dict[str, float]:
-    """How good the rig would be with points at other places [mm, base frame]: the volume within the limit [mm^3] in a coarse box around it,
-    its least worst pressure angle [deg], and the median of its 95 % radius [mm]. One orientation, the nominal rig's own uncertainty."""
+    """Return the quality of the rig with points at other positions [mm, base frame]: the volume within the limit [mm^3] in a coarse box
+    around it, its least worst pressure angle [deg], and the median of its U95 radius [mm]. One orientation, the nominal rig's own
+    uncertainty."""
     document, _ = read(path)
     content = copy.deepcopy(dict(document))
     content.pop("calibration", None)

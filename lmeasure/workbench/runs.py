@@ -1,4 +1,4 @@
-"""Runs, and what was made of them: which still lack their start, a trajectory over time, rerun's viewer for a recording."""
+"""Runs and their results: runs without a start, a trajectory over time, rerun's viewer for a recording."""
 
 import math
 import shlex
@@ -23,8 +23,8 @@ from lmeasure.workbench.project import LARGEST_JSON, OutsideError, Project, insi
 
 
 class RunAt(NamedTuple):
-    """A run of the project: its path; what its start is: stated, reported (by encoders), missing, or unread; what is wrong with
-    its files; what its recording says."""
+    """A run of the project: its path; its start: stated, reported (by encoders), missing, or unread; the faults of its files; the state of
+    its recording."""
 
     path: str
     start: str
@@ -33,7 +33,7 @@ class RunAt(NamedTuple):
 
 
 def runs(project: Project, language: str) -> list[RunAt]:
-    """All runs of a project as they stand."""
+    """Return all runs of a project."""
     return [_run(project.folder, path, language) for path in project.of("run")]
 
 
@@ -47,7 +47,7 @@ def _run(folder: Path, path: str, language: str) -> RunAt:
 
 
 async def trajectory(request: Request) -> Response:
-    """A trajectory over time: plots under one cursor, what is left out, and ways to take it elsewhere."""
+    """Answer with a trajectory over time: plots under one cursor, omitted samples, and exports."""
     path = await run_in_threadpool(file_of, request)
     found = await bench_of(request).reading.ask(trajectories.about, path, language_of(request))
     return await run_in_threadpool(_trajectory, request, path, found)
@@ -61,7 +61,7 @@ def _trajectory(request: Request, path: Path, found: dict[str, Any]) -> Response
 
 
 def _span(request: Request) -> tuple[float, float]:
-    """The span that an address asks for, ?begin=...&end=... in s."""
+    """Return the span of an address, ?begin=...&end=... in s."""
     try:
         return float(request.query_params.get("begin", "-inf")), float(request.query_params.get("end", "inf"))
     except ValueError as error:
@@ -107,7 +107,7 @@ NORMAL_95 = 1.959964
 
 
 class Value(NamedTuple):
-    """A value before and now with its change and what holds the change with 95 %, in the unit of its name."""
+    """A value before and now with its change and its U95, in the unit of its name."""
 
     name: str
     old: float
@@ -117,7 +117,7 @@ class Value(NamedTuple):
 
     @property
     def beyond(self) -> bool:
-        """Whether the change is more than that."""
+        """Return whether the change is more than U95."""
         return abs(self.change) > self.u95
 
 

@@ -41,7 +41,7 @@ from lmeasure.workflows import COMMANDS, load
 
 GRACE_S = 3
 LONGEST_END_S = 30.0
-"""After which a server that was ended ends, whatever it waits for."""
+"""Longest time for the end of a server."""
 _OPTION = re.compile(r"--[a-z][\w-]*")
 for _name in COMMANDS:
     # at the start, in one thread: what two requests begin to load at once is seen in halves
@@ -106,7 +106,7 @@ async def _refused(request: Request, error: Exception) -> Response:
 
 
 async def _failed(request: Request, error: Exception) -> Response:
-    """A fault of this program: said without a template, which may be what fails, and with the headers of every answer."""
+    """Report a fault of this program: without a template, which may be the failing part, and with the headers of every answer."""
     text = said(language_of(request), "workbench.fault_this_program_traceback", fault=type(error).__name__)
     answer = PlainTextResponse(f"500\n{text}\n", 500)
     secured(answer.headers)
@@ -255,8 +255,8 @@ def _note(path: Path, text: str) -> None:
 
 
 class Desk:
-    """The projects of a shelf that this process has open: each has a port, a token and sessions of its own, so that a page of one says
-    nothing in another, whatever is open in how many windows."""
+    """The open projects of a shelf in this process: each has a port, a token and sessions of its own, so that no page has access to another
+    project."""
 
     def __init__(self, language: str, site: Site = ON_LOOPBACK, scheduler: str | None = None) -> None:
         self._language, self._site, self._scheduler = language, site, scheduler
@@ -283,7 +283,6 @@ class Desk:
         return folder.resolve() in self._open
 
     def close(self) -> None:
-        """End what was opened here."""
         for served in self._open.values():
             served.end()
 
@@ -301,9 +300,8 @@ def serve(
 ) -> None:
     """Serve the project until Ctrl-C.
 
-    say is called with an address that lets in one browser; show opens a browser, which is let in.
-    within: a folder whose folders are projects, which its pages begin and open. site: where it is reached; scheduler: of its jobs.
-    LMeasureError where the port is taken or the folder cannot be written.
+    say prints an address that lets in one browser; show opens a browser, which is let in. within: a folder of projects, which its pages
+    begin and open. site: its address; scheduler: of its jobs. LMeasureError if the port is used or the folder cannot be written.
     """
     desk = Desk(language, site, scheduler)
     shelf = None if within is None else Shelf(within.resolve(), desk)

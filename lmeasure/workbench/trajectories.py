@@ -20,7 +20,7 @@ LISTED = 500
 ROWS = 50_000
 """Rows of a piece of a table."""
 LARGEST = 2**30
-"""Bytes of a file, or of the numbers and texts that stand in it, of which a page shows something."""
+"""Largest file, or numbers and texts in it [bytes], of which a page shows anything."""
 
 
 @lru_cache(maxsize=2)
@@ -56,8 +56,8 @@ def series_of(path: Path, begin_s: float, end_s: float) -> dict[str, list[float 
 
 
 def series(found: Along, begin_s: float, end_s: float) -> dict[str, list[float | None]]:
-    """time_s; x, y, z [mm] with the half widths of what holds 95 % of each, u_x, u_y, u_z [mm]; u95 [mm], the radius; angle, the worst
-    pressure angle [deg]: of the samples of a span."""
+    """Return for the samples of a span time_s; x, y, z [mm] with their U95, u_x, u_y, u_z [mm]; u95 [mm], the radius; angle, the worst
+    pressure angle [deg]."""
     moved = found.trajectory
     own = np.flatnonzero((moved.time_s >= begin_s) & (moved.time_s <= end_s))
     if not len(own):
@@ -76,8 +76,8 @@ def _columns(path: Path, changed_ns: int) -> dict[str, Any]:
 
 
 def rows(path: Path, begin_s: float, end_s: float, first: int) -> tuple[str, int]:
-    """Return the next ROWS samples of a span as .csv, all columns of a trajectory file, from row `first` of the file on; and the row from
-    which to go on, 0 behind the last one."""
+    """Return the next ROWS samples of a span as .csv, all columns of a trajectory file, from row `first` of the file on; and the next row,
+    0 behind the last one."""
     columns = _columns(path, path.stat().st_mtime_ns)
     time_s = columns["time_s"]
     own = np.flatnonzero((time_s[first:] >= begin_s) & (time_s[first:] <= end_s))[:ROWS] + first

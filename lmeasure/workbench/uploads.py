@@ -23,7 +23,7 @@ _NAME = re.compile(r"[^\W.][\w .+()\-]{0,120}(?<![ .])", re.UNICODE)
 DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 """Names that Windows keeps for devices."""
 BY_PRODUCTS = re.compile(r"\.DS_Store|\._.*|__MACOSX|Thumbs\.db")
-"""Names of what systems leave in folders by themselves: it is passed over."""
+"""Names of files that systems create by themselves: they are ignored."""
 Uploads = Sequence[tuple[str, Any]]
 """Names of files, and the files."""
 _turn = threading.Lock()
@@ -32,8 +32,8 @@ _turn = threading.Lock()
 def take_in(folder: Path, uploads: Uploads) -> list[Path]:
     """Copy uploaded files into a folder under their own names, and each .zip also, unpacked, into a folder of its name.
 
-    Return the paths of the files. What is there stays: OutsideError for a name that is taken, for names that are none of a file of a
-    project, and for too much; FileFormatError for a .zip that is none. Then nothing was written.
+    Return the paths of the files. Existing files stay: OutsideError for a used name, for names not allowed in a project, and for too many
+    bytes; FileFormatError for a wrong .zip. Then nothing is written.
     """
     with _staged(folder) as stage:
         names = [_plain(name) for name, _ in uploads]
@@ -76,7 +76,7 @@ def _staged(folder: Path) -> Iterator[Path]:
 
 
 def _publish(stage: Path, folder: Path) -> None:
-    """Give what was staged its names in the folder, each by one rename; all of it or nothing."""
+    """Move the staged files to their names in the folder, each by one rename; all of them or none."""
     with _turn:
         staged = sorted(stage.iterdir())
         for one in staged:
@@ -104,7 +104,7 @@ def _is_name(part: str) -> bool:
 
 
 def _inner(name: str) -> str:
-    """Return the name of a file in a folder; empty for a by-product, which is passed over. OutsideError for what leads elsewhere, and for
+    """Return the name of a file in a folder; empty for a by-product, which is ignored. OutsideError for paths that lead elsewhere, and for
     hidden files."""
     parts = name.split("/")
     if any(BY_PRODUCTS.fullmatch(part) for part in parts) and not {"", ".", ".."} & set(parts):

@@ -1,7 +1,7 @@
-"""A process of its own for files that others made, with a bound on its memory and on the time of an answer.
+"""A process of its own for files from others, with a limit of memory and of time for an answer.
 
-A file of a few megabytes may stand for more than the memory of any machine. In the process of the server it would take everything else
-with it: recordings that are looked at, other people's pages, the whole machine.
+A file of a few megabytes may expand to more than the memory of any machine. In the server's process that would end everything else: live
+recordings, other people's pages, the whole machine.
 """
 
 import asyncio
@@ -21,7 +21,7 @@ from lmeasure.core import FileFormatError, LMeasureError
 from lmeasure.text import message, reason
 
 MEMORY = 2**32
-"""Bytes that the process may take beyond what it takes when it begins; no more than half of the machine's."""
+"""Bytes that the process may take beyond those at its start; no more than half of the machine's."""
 PATIENCE_S = 120.0
 WAITING = 4
 """Requests of a project that wait for it at once; others wait without a thread."""
@@ -37,8 +37,7 @@ class Worker:
         self._talk: Connection | None = None
 
     def call(self, function: Callable[..., Any], path: Path, *more: Any) -> Any:
-        """Return what a function of a module returns for a file. What it raises is raised; FileFormatError where that takes too much memory
-        or time."""
+        """Return the result of a module's function for a file. Errors are raised; FileFormatError if it takes too much memory or time."""
         with self._turn:
             try:
                 if self._process is None:
@@ -76,7 +75,7 @@ def _too_much(path: Path, memory: int) -> str:
 
 
 def _answer(talk: Connection, memory: int) -> None:
-    """Answer calls until nobody asks any more."""
+    """Answer calls until their source ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     import lmeasure.workbench.trajectories  # noqa: F401  before the bound, with all that it loads
 
@@ -113,7 +112,7 @@ def _bound(memory: int) -> None:
 
 
 worker = Worker()
-"""Of all projects of this process."""
+"""Worker for all projects of this process."""
 
 
 class Queue:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from lmeasure.fleet import Item, Outcome, Store
 
 COMMANDS = ("import", "reconstruct", "calibrate", "identify", "certify", "verify", "motion", "zone", "place", "simulate", "correct")
-"""Commands that read one thing, ask nobody, and write under --out."""
+"""Commands that read one input, ask no questions, and write under --out."""
 FOLLOWING = {
     "import": "batch reconstruct '{out}/import/*/*/*' --out {out}",
     "reconstruct": "batch certify '{out}/trajectory/*/*/*' --set program=program.toml --out {out}",
@@ -71,7 +71,7 @@ class BatchSettings(Asked):
 
 @dataclass(frozen=True)
 class Task:
-    """What a worker is given: the item, all options as text, the store, and the digest of what was done for it before."""
+    """A worker's input: the item, all options as text, the store, and the digest of its earlier result."""
 
     command: str
     item: "Item"
@@ -83,7 +83,7 @@ class Task:
 
 @workflow
 def run_batch(settings: BatchSettings, progress: Progress = silent) -> Result:
-    """Do what is not done yet, keep each outcome as it comes, and write the summary."""
+    """Process the remaining items, keep each outcome as it comes, and write the summary."""
     from lmeasure.fleet import Catalogue, LostError, Outcome, Store, outcomes, read_items
 
     model = load(settings.command).settings
@@ -146,7 +146,7 @@ def run_batch(settings: BatchSettings, progress: Progress = silent) -> Result:
 
 
 MOST_LINES = 10
-"""Of failures on the screen."""
+"""Most failures on the screen."""
 
 
 def _options(settings: BatchSettings, model: type[Asked], subject: str) -> dict[str, str]:
@@ -172,7 +172,7 @@ def _absolute(options: dict[str, str], model: type[Asked]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Stop:
-    """Why no further item can be done: the store is full, or a worker is of another version."""
+    """Reason why no further item can be processed: the store is full, or a worker is of another version."""
 
     line: str
 

@@ -1,4 +1,4 @@
-"""From reference poses and counts to calibrated observation points."""
+"""Calibration: observation points from reference poses and counts."""
 
 import datetime
 from contextlib import ExitStack
@@ -221,7 +221,7 @@ def _continued(settings: CalibrateSettings, progress: Progress) -> Result:
 
 
 def _lines(record: "CalibrationRecord") -> list[str]:
-    """Return how good a calibration is, what it was checked by, and its warnings."""
+    """Return the quality of a calibration, its checks, and its warnings."""
     lines: list[str] = []
     if lengths := record.predicted["lengths"]:
         rms, worst = [e["rms_mm"] for e in lengths], max(lengths, key=lambda e: e["worst_mm"])

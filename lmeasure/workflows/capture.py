@@ -29,14 +29,14 @@ QUESTIONS = {
 
 
 class Keys(Protocol):
-    """Lines that somebody types."""
+    """Lines that a user types."""
 
     def typed(self) -> list[str]:
         """Those since the last question."""
 
     @property
     def gone(self) -> bool:
-        """Whether there will be no more."""
+        """Return whether there will be no more."""
 
 
 class CaptureSettings(Asked):
@@ -78,10 +78,10 @@ def run_capture(
     ask: Callable[[str], str] | None = None,
     show: "Callable[[Session], None] | None" = None,
 ) -> Result:
-    """Capture until all poses are read, or somebody ends it; what is read is kept, and the next call goes on.
+    """Capture until all poses are read, or the user ends it; readings are kept, and the next call continues.
 
-    say takes lines for a person, keys gives what the person types (nobody types without), ask puts a question, show is given the state of
-    things all the while. A source that ends before the poses do, and counters that do not come back, are failures.
+    say prints lines, keys gives typed lines (none without it), ask puts a question, show gets the state all the while. A source that ends
+    too early, and counters that do not return, are failures.
     """
     from lmeasure.acquisition import as_mapped, connect, options_from_text, with_files_beside
     from lmeasure.procedures import Session, Settings as stage_Settings, open_folder
@@ -106,7 +106,7 @@ def run_capture(
 
 
 def _state_uncertainty(settings: CaptureSettings, folder: "CaptureFolder", ask: Callable[[str], str] | None) -> None:
-    """Take the statements of the options, and where they do not and the file does not either, what a person answers."""
+    """Take the uncertainties from the options, else from the file, else from the user's answers."""
     from lmeasure.procedures import UNCERTAINTIES
 
     stated = {name: value for name in UNCERTAINTIES if (value := getattr(settings, name)) is not None}
@@ -126,7 +126,7 @@ def _state_uncertainty(settings: CaptureSettings, folder: "CaptureFolder", ask: 
 
 
 def _number(ask: Callable[[str], str], question: str) -> float | None:
-    """Return what is answered, asked again until it is a number that is not negative, or nothing."""
+    """Return the answer, repeating the question until it is a number that is not negative, or empty."""
     while True:
         answer = ask(question).strip().replace(",", ".")
         if not answer:
@@ -140,7 +140,7 @@ def _number(ask: Callable[[str], str], question: str) -> float | None:
 
 
 def _record(session: "Session", link: "Link", progress: Progress, keys: Keys | None, show: "Callable[[Session], None] | None") -> str:
-    """Record frames while the session goes on; how the recording ended."""
+    """Record frames while the session runs; return how the recording ended."""
     from lmeasure.acquisition import record
 
     folder = session.folder
@@ -259,8 +259,8 @@ def run_play(
     keys: Keys | None = None,
     show: "Callable[[PlayedCell], None] | None" = None,
 ) -> Result:
-    """Play until nobody types any more, or without keys until Ctrl-C. say takes lines for a person, keys gives what the person types, show
-    is given of the cell."""
+    """Play until the typed lines end, or without keys until Ctrl-C. say prints lines, keys gives typed lines, show gets the state of the
+    cell."""
     from lmeasure.acquisition import Pace, bus_opener, counter_fields, options_from_text, play
     from lmeasure.rig import read_rig
 

@@ -1,4 +1,4 @@
-"""From a measurement to a certificate a third party can recompute."""
+"""Certification: from a measurement to a certificate a third party can recompute."""
 
 import tempfile
 from dataclasses import replace
@@ -81,7 +81,7 @@ class CertifySettings(Writing):
 
 @workflow
 def run_certify(settings: CertifySettings, progress: Progress = silent) -> Result:
-    """Evaluate the measurement and write the sealed folder; what was made is the certificate."""
+    """Evaluate the measurement and write the sealed folder; the result is the certificate."""
     from lmeasure.certificate import Details, Inputs, read_details
     from lmeasure.iso9283 import CertificationSettings
     from lmeasure.report import Choices, every_figure, headline, write_certificate
@@ -167,11 +167,11 @@ def _record(settings: CertifySettings, path: Path, content: dict[str, Any]) -> N
 
 
 TURNED_DEG = 90.0
-"""From which on the tool was nowhere as it was commanded: quaternions or frames are others than stated."""
+"""Turn from which the tool was nowhere at its command: quaternions or frames differ from the stated ones."""
 
 
 def _strange(content: dict[str, Any]) -> list[str]:
-    """Return what no robot does, in the language of the certificate."""
+    """Return results that no robot can have, in the language of the certificate."""
     off = [c["value"] for c in content["characteristics"] if c["name"] == "AP_rot" and c["value"] is not None]
     if not off or min(off) < TURNED_DEG:
         return []
@@ -180,7 +180,7 @@ def _strange(content: dict[str, Any]) -> list[str]:
 
 
 def _assumed(content: dict[str, Any]) -> list[Message]:
-    """Return the lines about typical sizes that nobody stated; none where all is stated, or exact by statement."""
+    """Return the lines about assumed typical sizes; empty if all is stated, or exact by statement."""
     every = [from_stated(e) for e in content.get("findings", ())]
     found = [m for m in every if m is not None and m.code.startswith("assumed.")]
     return found if any(m.code == "assumed.part" for m in found) else []
@@ -216,7 +216,7 @@ class VerifySettings(Asked):
 
 @workflow
 def run_verify(settings: VerifySettings, progress: Progress = silent) -> Result:
-    """Look at every byte and compute every figure again; the exit code says what came of it."""
+    """Check every byte and compute every result again; the exit code gives the outcome."""
     from lmeasure.certificate import opened_zip, read_public_key, report_lines, verify
     from lmeasure.report import PRINTERS
 
@@ -350,7 +350,7 @@ def _is_calibration(path: Path) -> bool:
 
 
 def _calibrations(settings: CompareSettings) -> Result:
-    """Return what moved between two calibrations, by their records."""
+    """Return the changes between two calibrations, by their records."""
     from dataclasses import asdict
 
     from lmeasure.calibration import compare_records, comparison_summary, read_earlier
@@ -381,7 +381,7 @@ class KeySettings(Writing):
 
 @workflow
 def run_key(settings: KeySettings, progress: Progress = silent) -> Result:
-    """Write both keys; what was made is their fingerprint."""
+    """Write both keys; the result is their fingerprint."""
     from lmeasure.certificate import new_key
 
     fingerprint, public = new_key(settings.out, force=settings.force), Path(f"{settings.out}.pub")

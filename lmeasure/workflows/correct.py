@@ -1,4 +1,4 @@
-"""From an identified robot to programs that take it where they were meant to."""
+"""Correction: programs that take an identified robot to the intended poses."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -101,7 +101,7 @@ class CorrectSettings(Writing):
 
 @workflow
 def run_correct(settings: CorrectSettings, progress: Progress = silent) -> Result:
-    """Correct, and write the programs and what was done."""
+    """Correct, and write the programs and their changes."""
     import numpy as np
 
     from lmeasure.demo import write_correction
@@ -148,7 +148,7 @@ def run_correct(settings: CorrectSettings, progress: Progress = silent) -> Resul
 
 
 Correcting = Callable[["Listing", "Dialect"], "tuple[Corrected, list[str]]"]
-"""Corrects a program, and says what is to be known of how."""
+"""Function that corrects a program, and reports on it."""
 
 
 def _by_model(settings: CorrectSettings) -> Correcting:

@@ -86,7 +86,7 @@ def run_demo(settings: DemoSettings, progress: Progress = silent) -> Result:
 
 
 def _told(rows: Sequence[tuple[str, ...]], remarks: tuple[str, ...], look: tuple[Path, ...], more: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """The table, more lines, what to know besides, and where to look."""
+    """Return the table, more lines, remarks, and the files to look at."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     table = []
     for first, *others in rows:

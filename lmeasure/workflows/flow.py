@@ -1,4 +1,4 @@
-"""Common parts of all workflows: progress and its end, what it gives, and the rule for what it may write."""
+"""Common parts of all workflows: progress and its end, the result, and the rule for outputs."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -18,7 +18,7 @@ More = ParamSpec("More")
 
 
 Progress = Callable[[float, str], None]
-"""Is given how much is done, 0 to 1, and of what. Whoever wants the work to end raises CancelledError from it."""
+"""Function that gets the finished part, 0 to 1, and a text. It raises CancelledError to end the work."""
 
 
 def silent(fraction: float, text: str) -> None:
@@ -27,7 +27,7 @@ def silent(fraction: float, text: str) -> None:
 
 @dataclass
 class Ending:
-    """Progress of what is recorded until somebody ends it: CancelledError is no error then, as Ctrl-C is none. asked: it was raised."""
+    """Progress of a recording until the user ends it: CancelledError is no error then, nor is Ctrl-C. asked: it was raised."""
 
     progress: Progress
     asked: bool = False
@@ -50,9 +50,9 @@ def steps(progress: Progress, text: str) -> Callable[[int, int], None]:
 
 @dataclass(frozen=True)
 class Result:
-    """What a workflow gives: what was made, what a person is given of it, line by line, with figures by name and warnings for those who do
-    not read lines, and the files written. failure: why what was made is not what was asked for, though it is kept; exit_code: as a
-    command's; next: the command to type next; page: a page to open; details: more lines, for those who ask for all."""
+    """Result of a workflow: its object, its lines for the user, with results by name and warnings for programs, and the files written.
+    failure: why the result differs from the request, though it is kept; exit_code: as a command's; next: the command to type next; page: a
+    page to open; details: more lines on request."""
 
     made: Any
     summary: tuple[str, ...]
@@ -67,7 +67,7 @@ class Result:
 
 
 def workflow(work: Callable[Concatenate[Given, More], Result]) -> Callable[Concatenate[Given, More], Result]:
-    """Apply the rule of `lmeasure.workflows.outputs` to the work of a command, and list what it has written."""
+    """Apply the rule of `lmeasure.workflows.outputs` to the work of a command, and list the files written."""
 
     @wraps(work)
     def run(settings: Given, *args: More.args, **more: More.kwargs) -> Result:
@@ -111,7 +111,7 @@ def in_run_folder(folder: Path, *more: str) -> tuple[Path, ...]:
 
 @contextmanager
 def _of_unlikely(inputs: Iterable[Path]) -> Iterator[list[str]]:
-    """Gives what is unlikely of rigs that were read, when the work is done; where it fails, that stands behind what it fails by."""
+    """Yield a list that gets unlikely values of the rigs that were read, when the work is done; if it fails, they follow the error."""
     unlikely: list[str] = []
     try:
         yield unlikely

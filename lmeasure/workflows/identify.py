@@ -1,4 +1,4 @@
-"""From measurements of a robot to what is wrong with it."""
+"""Kinematic calibration: a robot's errors from measurements."""
 
 import math
 from pathlib import Path

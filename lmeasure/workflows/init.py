@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 MOST_MM = 1e6
 LEAST_MM = 1e-9
-"""Of the cable in a count: more than nothing."""
+"""Least cable in a count: more than nothing."""
 MOST_COUNTS = 2**32 - 1
 
 Ask = Callable[[str, str], str]
@@ -53,7 +53,7 @@ class InitSettings(Writing):
 
 @workflow
 def run_init(settings: InitSettings, progress: Progress = silent, *, ask: Ask | None = None) -> Result:
-    """Write the files; ask is for what no template knows."""
+    """Write the files; ask gets values that no template knows."""
     from lmeasure.templates import TEMPLATES, Answers, folder_files, rig_of, rig_text
 
     if settings.list:
@@ -111,7 +111,7 @@ def _choice(ask: Ask, question: str, options: tuple[str, ...]) -> str:
 
 
 def _asked(ask: Ask, template: "Template") -> "Answers":
-    """Return the values that differ from rig to rig. Numbers are asked for again until they are some; Enter keeps a guess a guess."""
+    """Return the values that differ from rig to rig. A question is repeated until the answer is a number; Enter keeps the guess."""
     from lmeasure.core import CONVENTIONS
     from lmeasure.templates import DRUM, PULLEY_RADIUS_MM, Answers
 
@@ -142,7 +142,7 @@ def _asked(ask: Ask, template: "Template") -> "Answers":
 def _numbers(
     ask: Ask, question: str, default: tuple[float, ...], *, whole: bool = False, least: float = -MOST_MM, most: float = MOST_MM
 ) -> tuple[float, ...]:
-    """What is answered, as many numbers as the default has; asked again until they are that, and none less than least or more than most."""
+    """Return the answer, with as many numbers as the default; the question is repeated until it is right, within least and most."""
     asked = question
     while True:
         answer = ask(question, ",".join(f"{v:g}" for v in default))

@@ -138,7 +138,7 @@ class InspectSettings(Writing):
 
 
 class Content(NamedTuple):
-    """What a file holds: its kind in one line, the noun to draw, remarks, numbers, and words of the command to type next."""
+    """Content of a file: its kind in one line, the noun to draw, remarks, numbers, and words of the command to type next."""
 
     what: Message
     noun: Any = None
@@ -149,7 +149,7 @@ class Content(NamedTuple):
 
 @workflow
 def run_inspect(settings: InspectSettings, progress: Progress = silent) -> Result:
-    """Say what a file is, and write its page where one is wanted."""
+    """Print the kind of a file, and write its page on request."""
     path = settings.file
     progress(0.0, "read")
     read, path = _reader(path)
@@ -192,7 +192,7 @@ Reader = Callable[[Path, Progress], Content]
 
 
 def _reader(path: Path) -> tuple[Reader, Path]:
-    """Return what reads a file or folder, and the path that it reads; FileFormatError for what lmeasure does not know."""
+    """Return the reader of a file or folder, and its path; FileFormatError for an unknown kind."""
     if not path.exists():
         raise FileFormatError(message("error.is_not_there", where=path))
     if path.is_dir():
@@ -381,7 +381,7 @@ FOLDERS: dict[str, Reader] = {
     "identified.json": _identification,
     "reference_poses.csv": _campaign,
 }
-"""Files that make a folder what it is."""
+"""Files that decide the kind of a folder."""
 SUFFIXES: dict[str, Reader] = {".nc": _zone, ".json": _json, ".rrd": _recording, ".zip": _certificate}
 DOCUMENTS = ("structure", "scenario", "placement", "details", "report", "drum")
 """Kinds of .toml files that are shown as they are."""

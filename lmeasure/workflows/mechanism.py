@@ -84,7 +84,7 @@ class MechanismSettings(Writing):
 
 @workflow
 def run_mechanism(settings: MechanismSettings, progress: Progress = silent) -> Result:
-    """Describe the mechanism, and write what is asked for."""
+    """Describe the mechanism, and write the requested files."""
     from lmeasure.io import files
     from lmeasure.robots import described
 
@@ -239,7 +239,7 @@ def _told(record: dict[str, Any], grid: "Grid | None") -> list[str]:
 
 
 def _table(settings: MechanismSettings, file: "ParallelFile", poses: Path, out: Path) -> str:
-    """Joint values of a table's poses, or what completes them."""
+    """Return joint values of a table's poses, or the rest of its columns."""
     import numpy as np
 
     from lmeasure.io import files

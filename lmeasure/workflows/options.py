@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 
 class Written(NamedTuple):
-    """How an option is written: its kind in that form, where a tuple is one text and a choice a word; whether it may be left out; whether
-    it may be repeated; its default in the same form; the words that it may be."""
+    """Form of an option: its kind in that form, where a tuple is one text and a choice a word; whether it is optional; whether it may be
+    repeated; its default in the same form; its choices."""
 
     kind: Any
     optional: bool
@@ -47,7 +47,7 @@ def written(field: "FieldInfo") -> Written:
 
 
 def _marks(field: "FieldInfo") -> tuple[Any, list[Any]]:
-    """The type of an option, None apart, and what it is marked with."""
+    """Return the type of an option without None, and its marks."""
     annotation: Any = field.annotation
     one = next((part for part in get_args(annotation) if part is not type(None)), annotation)
     kind: Any = one if get_origin(annotation) in (Union, types.UnionType) else annotation
@@ -96,7 +96,7 @@ def _joined(words: Sequence[str]) -> str:
 
 
 def _are_numbers(words: Sequence[str], mark: Pose | Separated) -> bool:
-    """Whether the words are the first of a row: numbers, or three angles behind the name of their convention."""
+    """Return whether the words are the first of a row: numbers, or three angles behind the name of their convention."""
     text, most = _joined(words), mark.count
     if isinstance(mark, Turned) and (named := re.match(r"[A-Za-z][\w-]*:", text)):
         text, most = text[named.end() :], 3
@@ -158,8 +158,8 @@ def limits_of(field: "FieldInfo") -> tuple[float | None, float | None]:
 
 
 class Option(NamedTuple):
-    """An option for a form: its name, what people call it, and what a field and a help text need. kind: flag, choice, list, path, whole,
-    number, or text."""
+    """An option for a form: its name, its label, and the data of a field and a help text. kind: flag, choice, list, path, whole, number, or
+    text."""
 
     name: str
     label: Message

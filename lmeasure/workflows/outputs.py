@@ -1,6 +1,6 @@
-"""Decide what a command may write: nothing that exists, unless `--force` is given; an input or a recording never.
+"""Rule for the outputs of a command: nothing that exists, unless `--force` is given; an input or a recording never.
 
-The rule is one of commands. Functions of the Python package write where the caller tells them, except `certify`, which has `force` too.
+The rule is one of commands. Functions of the Python package write to the caller's paths, except `certify`, which has `force` too.
 """
 
 import os
@@ -124,7 +124,7 @@ def _clear(outputs: Iterable[Path]) -> None:
 
 
 def _stamp(path: Path) -> tuple[int, ...] | None:
-    """Return what is different once a file was written again; None where there is none."""
+    """Return a stamp that changes if a file is written again; None without a file."""
     try:
         found = path.stat()
     except (OSError, ValueError):

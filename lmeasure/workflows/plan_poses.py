@@ -1,4 +1,4 @@
-"""Which reference poses to measure."""
+"""Planning of reference poses."""
 
 import math
 from dataclasses import replace
@@ -106,7 +106,7 @@ class PlanPosesSettings(Writing):
 
 
 def poses_file(out: Path) -> Path:
-    """Where the poses of a joint table go."""
+    """Return the path for the poses of a joint table."""
     return out.with_name(f"{out.stem}_poses.csv")
 
 
@@ -291,7 +291,7 @@ def _recorded(folder: Path, u_position_mm: float, u_rotation_rad: float) -> "Cam
 
 
 def _uncertainties(given: tuple[float | None, float | None], recorded: "Campaign | None") -> tuple[float, float]:
-    """Return the uncertainty of the new poses [mm, rad]: what is given, else the largest of the recorded ones, else none."""
+    """Return the uncertainty of the new poses [mm, rad]: the given one, else the largest of the recorded ones, else none."""
     if recorded is None:
         return given[0] or 0.0, given[1] or 0.0
     stated = recorded.poses.u_position_mm.max(), recorded.poses.u_rotation_rad.max()

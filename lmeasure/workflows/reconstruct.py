@@ -1,4 +1,4 @@
-"""From a run folder to a trajectory."""
+"""Reconstruction: from a run folder to a trajectory."""
 
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -83,7 +83,7 @@ class ReconstructSettings(Writing):
 
 @workflow
 def run_reconstruct(settings: ReconstructSettings, progress: Progress = silent) -> Result:
-    """Reconstruct and write, piece by piece where the run can be: then what was made is a summary, as the whole is held nowhere."""
+    """Reconstruct and write, piece by piece if possible: then the result is a summary, as the whole is never in memory."""
     from lmeasure.api import explained
     from lmeasure.recording import read_run, read_run_head, stated_start
     from lmeasure.trajectory import can_stream, reconstruct, reconstruct_stream
@@ -141,7 +141,7 @@ def _in_parts(settings: ReconstructSettings, head: "RunHead", progress: Progress
 
 
 def _written(settings: ReconstructSettings, recorded: "Run", trajectory: "Trajectory", progress: Progress) -> Result:
-    """Write a trajectory that is whole in memory, and the recording that is asked for."""
+    """Write a trajectory that is whole in memory, and the requested recording."""
     from lmeasure.trajectory import write_trajectory
 
     progress(1.0, "reconstruct")
@@ -154,7 +154,7 @@ def _written(settings: ReconstructSettings, recorded: "Run", trajectory: "Trajec
 
 
 def _each_piece(rerun: Path | None, head: "RunHead") -> AbstractContextManager["Each | None"]:
-    """Return what takes the pieces of a run into the recording that is asked for, if one is."""
+    """Return the writer of a run's pieces into the requested recording, if any."""
     if rerun is None:
         return nullcontext()
     from lmeasure.view import streamed_recording
@@ -329,7 +329,7 @@ class ImportSettings(Writing):
 
 @workflow
 def run_import(settings: ImportSettings, progress: Progress = silent) -> Result:
-    """Read the logs and write the run folder, or only look at what they hold."""
+    """Read the logs and write the run folder, or only print their content."""
     if settings.scan:
         return _scanned(settings, progress)
     assert settings.rig is not None

@@ -1,4 +1,4 @@
-"""From a CAN bus to a run folder."""
+"""Recording: from a CAN bus to a run folder."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -39,7 +39,7 @@ class RecordSettings(Writing):
 
 @workflow
 def run_record(settings: RecordSettings, progress: Progress = silent, show: "Show | None" = None) -> Result:
-    """Record a pass. show is given of it all the while, where `live` is asked for. A recording that ends early is kept, and a failure."""
+    """Record a pass. show gets its state all the while with `live`. A recording that ends early is kept, and a failure."""
     from lmeasure.acquisition import record_session
 
     pose = pose_watch(settings.rig, settings.start, settings.passage) if settings.live else ""
@@ -108,7 +108,7 @@ def _missing(settings: RecordSettings) -> str:
 
 
 def pose_watch(rig: Path, start: str | None, passage: int) -> "PoseWatch | str":
-    """Return what follows the poses of a pass of a rig's file from a start, compiled before the bus is opened, or why there are none."""
+    """Return the follower of a pass's poses for a rig's file from a start, compiled before the bus is opened, or the reason for none."""
     from lmeasure.recording import start_from_text
     from lmeasure.rig import read_linked_rig
     from lmeasure.trajectory import LivePose, PoseWatch, enough_absolute
@@ -127,7 +127,7 @@ def pose_watch(rig: Path, start: str | None, passage: int) -> "PoseWatch | str":
 
 
 def _growing(settings: RecordSettings) -> "AbstractContextManager[Callable[[Samples], None] | None]":
-    """Return what takes the samples into the recording to look at, while it is live."""
+    """Return the writer of samples into the recording for viewing, while it is live."""
     if settings.rerun is None or not settings.live:
         return nullcontext(None)
     from lmeasure.rig import read_rig
@@ -152,7 +152,7 @@ class WatchSettings(Asked):
 
 @workflow
 def run_watch(settings: WatchSettings, progress: Progress = silent, show: "Show | None" = None) -> Result:
-    """Watch until the time is over or somebody ends it; show is given of counts, speeds, faults and the pose all the while."""
+    """Watch until the time is over or the user ends it; show gets counts, speeds, faults and the pose all the while."""
     from lmeasure.acquisition import connect, options_from_text, watch
     from lmeasure.rig import read_linked_rig
 
@@ -204,7 +204,7 @@ class ScanSettings(Asked):
 def run_scan(
     settings: ScanSettings, progress: Progress = silent, *, show: "Callable[[float, tuple[Spoken, ...]], None] | None" = None
 ) -> Result:
-    """List adapters, or listen; show is given who speaks all the while."""
+    """List adapters, or listen; show gets the senders all the while."""
     from lmeasure.acquisition import adapters, listen, open_source, options_from_text
 
     if settings.bus is None:
@@ -257,8 +257,8 @@ class CheckSettings(Writing):
 
 @workflow
 def run_check(settings: CheckSettings, progress: Progress = silent, *, ask: "Ask") -> Result:
-    """Walk through the self-test: ask tells a person what to do and comes back when it is done;
-    progress names the devices that were found. Faults are a failure."""
+    """Walk through the self-test: ask shows each request and returns when the user has done it; progress names the devices found. Faults
+    are a failure."""
     from lmeasure.acquisition import connect, corrected, not_corrected, options_from_text, range_notes, self_test
     from lmeasure.io import files
     from lmeasure.rig import rig_from_dict

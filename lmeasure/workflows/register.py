@@ -43,7 +43,7 @@ class RegisterSettings(Writing):
 
 @workflow
 def run_register(settings: RegisterSettings, progress: Progress = silent) -> Result:
-    """Add what is to be added, and answer what is asked."""
+    """Add entries, and answer questions."""
     from lmeasure.register import FILE, Register, due, read_entries, read_limits
 
     if settings.result and not settings.subject:

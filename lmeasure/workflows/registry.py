@@ -1,7 +1,7 @@
-"""Commands, each once: settings in, result out; command lines, pages and scripts are faces of it.
+"""Commands, each once: settings in, result out; command lines, pages and scripts are their faces.
 
-A workflow `zone` is `ZoneSettings`, a model of its options, and `run_zone(settings, progress)`, which reads, calls the stages, writes
-every file, and gives a `Result`. It is known by its line in `JOBS`; nothing of it is loaded before it is asked for.
+A workflow `zone` is `ZoneSettings`, a model of its options, and `run_zone(settings, progress)`, which reads, calls the stages, writes every
+file, and gives a `Result`. It is known by its line in `JOBS` and loaded at its first use.
 """
 
 from collections.abc import Callable
@@ -105,7 +105,7 @@ MODULES = {
 
 
 class Workflow(NamedTuple):
-    """A command: its name, its help, the model of what it is asked, and its work `run(settings, progress)`."""
+    """A command: its name, its help, the model of its settings, and its work `run(settings, progress)`."""
 
     name: str
     help: str
@@ -114,7 +114,7 @@ class Workflow(NamedTuple):
 
 
 def load(name: str) -> Workflow:
-    """The workflow of a command; KeyError for what is none."""
+    """Return the workflow of a command; KeyError for another name."""
     text = COMMANDS[name]
     home = next((own for own, others in MODULES.items() if name in others), name)
     module = import_module(f"lmeasure.workflows.{home.replace('-', '_')}")

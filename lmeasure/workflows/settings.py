@@ -1,4 +1,4 @@
-"""Settings of commands: frozen models that say unit, range and help of every option once, for command lines, forms and scripts."""
+"""Settings of commands: frozen models with unit, range and help of every option, for command lines, forms and scripts."""
 
 import math
 import os
@@ -47,14 +47,14 @@ class Paths(NamedTuple):
 
 
 class Asked(BaseModel):
-    """What a command is asked. SettingsError, in one line, for an option that is missing, unknown, or out of its range."""
+    """Settings of a command. SettingsError, in one line, for an option that is missing, unknown, or out of its range."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     NEXT: ClassVar[str] = ""
     """Words of the command to type next, with the names of options in braces for their values."""
 
     def paths(self) -> Paths:
-        """Return what the command may write and what it reads, for the rule of `lmeasure.workflows.outputs`."""
+        """Return the paths that the command may write and read, for the rule of `lmeasure.workflows.outputs`."""
         return Paths()
 
     def following(self) -> str:
@@ -161,7 +161,7 @@ def unit_of(name: str, field: FieldInfo) -> str:
 
 
 def said_of(field: FieldInfo) -> dict[str, Any]:
-    """Return what `option` was said beside help and range."""
+    """Return the arguments of `option` beside help and range."""
     return field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
 
 
@@ -173,13 +173,13 @@ class Separated:
     kind: Callable[[str], Any] = float
     count: int | None = None
     finite: bool = False
-    """Whether what is not finite is refused here, not by the stage."""
+    """Whether numbers that are not finite are refused here, not by the stage."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
         return core_schema.no_info_before_validator_function(self.parsed, handler(source))
 
     def parsed(self, value: Any) -> Any:
-        """The tuple of a text; ValueError says what it is not."""
+        """Return the tuple of a text; ValueError names its fault."""
         if not isinstance(value, str):
             return value
         try:
@@ -216,7 +216,7 @@ class Turned(Separated):
 
 
 def parts_of(text: str, mark: str = ",") -> list[str]:
-    """Return what stands between the marks of a text; blanks do as well where the mark is a comma."""
+    """Return the parts of a text between its marks; for commas, blanks are marks too."""
     return re.split(r"\s*,\s*|\s+", text.strip()) if mark == "," else text.split(mark)
 
 
@@ -335,7 +335,7 @@ U_ROTATION = option("Standard uncertainty of a measured orientation about each a
 
 
 def stated_beside(settings: Any) -> "Stated":
-    """Return what a command's options state of a trajectory's file: columns, uncertainties, convention of angles."""
+    """Return the statements of a command's options on a trajectory's file: columns, uncertainties, convention of angles."""
     from lmeasure.io import columns_of
     from lmeasure.trajectory import Stated
 
@@ -344,7 +344,7 @@ def stated_beside(settings: Any) -> "Stated":
 
 
 def notes_of_file(notes: "Iterable[Message]") -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the lines that say how a file was read and what is wrong with it, and the latter alone."""
+    """Return the lines on the reading of a file and its faults, and the latter alone."""
     lines = {message("line.note", text=note): note.code not in ("orientation.read", "time.of_day") for note in notes}
     return tuple(lines), tuple(line for line, wrong in lines.items() if wrong)
 
@@ -359,7 +359,7 @@ def known_convention(name: str | None) -> str | None:
 
 
 def refuse(settings: Asked, why: str, *names: str) -> None:
-    """SettingsError, which says why, for the first of these options that is given."""
+    """Raise SettingsError with the reason for the first of these options that is given."""
     for name in names:
         value = getattr(settings, name)
         if value is not None and value is not False and value not in ("", ()):

@@ -111,7 +111,7 @@ class StructureSettings(Writing):
 
 @workflow
 def run_structure(settings: StructureSettings, progress: Progress = silent) -> Result:
-    """Describe the links, and write it where that is asked for."""
+    """Describe the links, and write the requested files."""
     from lmeasure.io import files
     from lmeasure.structure import all_structures, described, described_lines, list_lines, read_linkage
 
@@ -215,7 +215,7 @@ def _figures(made: "dict[str, Any] | list[dict[str, Any]]") -> dict[str, float]:
 
 
 def _check(settings: StructureSettings) -> None:
-    """SettingsError for what does not go together."""
+    """Raise SettingsError for contradicting options."""
     if settings.listed == (settings.file is not None):
         raise SettingsError("file", message("error.give_a_file_or"))
     if settings.position_mm is None:

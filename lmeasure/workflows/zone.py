@@ -1,4 +1,4 @@
-"""Where in the cell the instrument can be believed."""
+"""Zone: the part of the cell where the instrument measures well enough."""
 
 import json
 import math
@@ -84,7 +84,7 @@ class ZoneSettings(Writing):
 
 @workflow
 def run_zone(settings: ZoneSettings, progress: Progress = silent) -> Result:
-    """Scan the box and write the zone, with its page, its recording and a program held against it where they are asked for."""
+    """Scan the box and write the zone, with its page, its recording and a compared program on request."""
     from lmeasure.accuracy import (
         Limits,
         Scan,

@@ -137,7 +137,7 @@ class Curve(Shown):
     sources: tuple[str, ...]
     """Source of each of these variables."""
     assumed: tuple[str, ...]
-    """Key of the typical size that each of these variables is; empty of what is stated or calibrated."""
+    """Key of the typical size of each of these variables; empty for stated or calibrated ones."""
     channels: tuple[str, ...]
     """Names of the channels, m."""
     clocks_s: FloatArray
@@ -294,7 +294,7 @@ FINER = 4  # Points between samples by which the path is measured
 def motion_of_curve(trajectory: Trajectory, curve: Curve, of_run: Trajectory | None = None) -> Motion:
     """Return the motion of a curve at the samples of its trajectory.
 
-    The uncertainties include what the smoothness of the curve may miss, and what the whole run shares. TrajectoryError names the first
+    The uncertainties include errors by the smoothness of the curve, and common errors of the whole run. TrajectoryError names the first
     sample that differs from that of the run's own curve, of_run.
     """
     known = np.isfinite(trajectory.poses[:, 0])

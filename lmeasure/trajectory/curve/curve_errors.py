@@ -1,13 +1,13 @@
-"""Errors of a curve at several instants together: what `certify` draws characteristics from.
+"""Errors of a curve at several instants together, from which `certify` draws characteristics.
 
-A control pose errs by what the readings' own errors leave, of the covariance N^-1, and by the variables that the run shares. With the
-Cholesky factor L of N, and w the control poses about some instants, r those that follow them,
+A control pose has an error from the readings' own errors, of covariance N^-1, and one from the run's common variables. With the Cholesky
+factor L of N, and w the control poses about some instants, r those that follow them,
 
     e_w = L_ww^-T (z - L_rw^T e_r),
 
 z independent and of unit variance, e_r of the covariance that the band of N^-1 has. So the errors of instants within a cluster are those of
-z and e_r, and the largest principal components of these; what is left stays as an error of each instant alone. Instants of other
-clusters, which are far off, share only the variables of the run.
+z and e_r, and the largest principal components of these; the rest stays as an error of each instant alone. Instants of other clusters,
+which are far off, share only the variables of the run.
 """
 
 from dataclasses import dataclass, replace
@@ -69,7 +69,7 @@ def joint_root(curve: Curve, time_s: FloatArray) -> FloatArray:
 
 
 def principal(root: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the largest principal components (n, 6, r) of R (6 n, q), and roots (n, 6, 6) of what is left of each instant."""
+    """Return the largest principal components (n, 6, r) of R (6 n, q), and roots (n, 6, 6) of the rest of each instant."""
     n = len(root) // 6
     size = np.tile([LEVER_MM] * 3 + [1.0] * 3, n)[:, None]
     scaled = root * size

@@ -99,7 +99,7 @@ class Readings:
 
 @dataclass
 class Control:
-    """Control poses with the variances of their fourth differences (K - 4, 6), and what the shared variables are."""
+    """Control poses with the variances of their fourth differences (K - 4, 6), and the sources of the shared variables."""
 
     points: FloatArray
     turns: FloatArray  # (K, 4) unit quaternions
@@ -388,10 +388,10 @@ def curve_of(readings: Readings, spacing_s: float | None = None) -> Curve:
 def reconstruct_curve(
     run: Run | Alignment, constraint: str | None = None, *, spacing_s: float | None = None, judge: Judge | None = None
 ) -> tuple[Trajectory, Curve]:
-    """Return the trajectory of a run at its samples as its curve has it, and the curve.
+    """Return the trajectory of a run at its samples from its curve, and the curve.
 
-    spacing_s: of the knots, chosen by the readings where it is None; constraint, judge: as `reconstruct` has them. Raises what that
-    raises, and TrajectoryError where there is no curve.
+    spacing_s: of the knots, None: chosen by the readings; constraint, judge: as in `reconstruct`. Raises the errors of that, and
+    TrajectoryError without a curve.
     """
     run = replace(run, run=run.run.by_frames()) if isinstance(run, Alignment) else run.by_frames()
     aligned = align(run)

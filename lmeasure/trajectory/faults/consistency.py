@@ -1,15 +1,15 @@
-"""Whether the cables of a run agree, and which of them to leave out.
+"""Agreement of a run's cables, and the choice of cables to omit.
 
-With more cables than unknowns every sample is a test: chi-squared of the contradictions, everything that the lengths share in its
+With more cables than unknowns every sample is a test: chi-squared of the contradictions, with common errors of the lengths in the
 covariance (`trajectory.faults.redundancy`). An alarm is one that a sound run of so many samples has once in a thousand runs (Bonferroni;
-roundings that are alike where a run is slow make it rarer), by the law that rounding has (`contradictions`). Alarms of a run are one
-question: which cable, left out, explains them all? A set of cables explains alarms when the others agree at all of them
-together, at 1e-3; it is left out when no other set of its size does. Where several explain them, or none, nobody can tell which is wrong
-and the samples are inconsistent. With one cable too many that is always so, for any one of them explains anything.
+equal roundings in a slow run make it rarer), by the law of rounding (`contradictions`). Alarms of a run are one question: the omission of
+which cable explains them all? A set of cables explains alarms if the others agree at all of them together, at 1e-3. It is omitted if no
+other set of its size does. If several explain them, or none, the wrong cable is unknown and the samples are inconsistent. One redundant
+cable can never identify the faulty one.
 
-An alarm comes late where an error grows, and an error that stays hides wherever the geometry does not show it. So a doubt reaches back to
-the last epoch, and on to the first of some, at which every cable in question is seen to agree, by a standard uncertainty that would show
-the error it has at the alarms. Where no cable explains the alarms the whole run is in doubt.
+The alarm for a growing error comes late, and a constant error hides where the geometry does not show it. So a doubt reaches back to the
+last epoch, and on to the first of some, at which every cable in question agrees, with a standard uncertainty that would show its error at
+the alarms. If no cable explains the alarms, the whole run is in doubt.
 """
 
 from collections.abc import Callable, Iterable
@@ -30,8 +30,7 @@ from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
 
 AGREES = 2.0  # Standard uncertainties within which a cable agrees
 SHOWS = (3.0, 30.0)
-"""Times its standard uncertainty a cable's error must be, half of what it is at the alarms within these bounds, for an agreement to speak
-against it."""
+"""Standard uncertainties, within these bounds, of half a cable's error at the alarms, so that an agreement counts against it."""
 AGAIN_S = 0.1
 AGAIN = 5  # Samples, and for so long, a cable must agree again
 MOSTLY = 0.8  # Of those samples: one of twenty lies beyond two standard uncertainties
@@ -57,7 +56,7 @@ def spans(time_s: FloatArray, alarms: IntArray, error: FloatArray, u: FloatArray
 
 
 def _agrees_from(begin: int, time_s: FloatArray, agrees: BoolArray) -> bool:
-    """Whether most epochs agree from there on for as long and as many as it takes, or up to the end."""
+    """Return whether most epochs agree from there on for the required time and number, or up to the end."""
     end = max(int(np.searchsorted(time_s, time_s[begin] + AGAIN_S)), begin + AGAIN - 1)
     return bool(agrees[begin : end + 1].mean() >= MOSTLY)
 
@@ -96,7 +95,7 @@ def joined(pieces: list[Epochs]) -> Epochs:
 
 SIGNIFICANCE = 1e-3  # Of a run: that a sound one gives an alarm, and that an explanation which is right is refuted
 HARDLY = 1e-6
-"""Of an explanation that is the only one left: the tails of a calibration's law are not known so well that it should be refuted."""
+"""Probability of the only remaining explanation below which it is refuted: the tails of a calibration's law are not known well."""
 JUDGED = 40  # Alarms by which explanations are judged, the strongest among them
 APART_S = 1.0  # Without an alarm, between alarms that are explained one by one where nothing explains them all
 WORTH = 0.05  # Chance, by the normal law, of the largest contradiction of some channels from which the law of their rounding is worked out
@@ -122,7 +121,7 @@ Solve = Callable[[FloatArray], FloatArray]
 
 
 class Consistency:
-    """Judges a run by its epochs, which it changes: what is found wrong is not used any more. samples: of the whole run."""
+    """Judge of a run by its epochs, which it changes: faulty ones are not used any more. samples: of the whole run."""
 
     def __init__(self, rig: Rig, redundancy: Redundancy, solve: Solve, epochs: Epochs, *, samples: int) -> None:
         self._rig, self._redundancy, self._solve = rig, redundancy, solve
@@ -131,7 +130,7 @@ class Consistency:
         self._limits: dict[bytes, float] = {}
 
     def judged(self, before: Doubts) -> Doubts:
-        """Return the doubts about the run: before, and beside it what its cables say of each other."""
+        """Return the doubts about the run: before, and those from comparing its cables."""
         every = list(before.every)
         for number in range(ROUNDS + 1):
             poses = self._solve(self._epochs.change_mm)
@@ -167,7 +166,7 @@ class Consistency:
         return self._limits[key]
 
     def _doubts(self, alarms: IntArray, parities: Parities) -> list[Doubt]:
-        """Return what becomes of alarms: all of them by one explanation, else the first of them by one."""
+        """Return doubts from alarms: one explanation for all of them, else for the first of them."""
         cables, certain = self._explained(alarms, parities)
         gaps = np.flatnonzero(np.diff(self._epochs.time_s[alarms]) > APART_S)
         if not cables and len(gaps):
@@ -238,8 +237,8 @@ class Consistency:
         return float(2.0 * min(scipy.stats.chi2.sf(together, freedom * n), worst * n))
 
     def _followed(self, cables: tuple[int, ...], wanted: IntArray, since: int) -> tuple[IntArray, FloatArray]:
-        """Epochs on the way to the wanted ones, these among them, and their poses (k, 7) without these cables; where the others lose the
-        way, because they tell no pose somewhere, without them from the epoch since on, up to which nothing contradicts them."""
+        """Return epochs up to the wanted ones, these among them, and their poses (k, 7) without these cables. If the others determine no
+        pose somewhere, they are omitted only from the epoch `since` on, up to which nothing contradicts them."""
         last = int(wanted.max())
         way = np.union1d(np.unique(np.linspace(0, last, min(last + 1, ON_THE_WAY)).round().astype(np.intp)), wanted)
         changes = self._epochs.change_mm[way].copy()
@@ -304,7 +303,7 @@ class Consistency:
         return float(time_s[first - 1]) if first > 0 else -np.inf, float(time_s[last]) if last < len(time_s) - 1 else np.inf
 
     def _proved(self, every: list[Doubt]) -> tuple[list[Doubt], dict[Message, Message]]:
-        """Doubts less those of lost origins that the other cables prove right, and what to say of these instead."""
+        """Return the doubts without lost origins that the other cables prove right, and the messages in their place."""
         determined: dict[Message, Message] = {}
         for doubt in [d for d in every if d.status == Status.ORIGIN_LOST and d.cable != EVERY]:
             mine = np.flatnonzero(doubt.mask(self._epochs.time_s) & ~self._settled)
@@ -382,7 +381,7 @@ class EpochFinder:
         self._pieces, self._scores = [joined(self._pieces)], [np.concatenate(self._scores)]
 
     def _thin(self) -> None:
-        """Of every two neighbours the one that contradicts itself more; one without a neighbour stays."""
+        """Remove of every two neighbours the one with more contradiction; one without a neighbour stays."""
         self._join()
         score = self._scores[0]
         even = np.arange(0, len(score) - 1, 2)
@@ -404,8 +403,7 @@ def collect_epochs(reconstruction: Reconstruction, pieces: Iterable[Lengths], sa
 
 
 def consistent(reconstruction: Reconstruction, pieces: Iterable[Lengths], before: Doubts, samples: RunSamples | None = None) -> Doubts:
-    """Return the doubts about a run, given its lengths piece by piece as they are used by what is known before; samples: as
-    `collect_epochs` takes it."""
+    """Return the doubts about a run, given its lengths piece by piece with the doubts so far; samples: as in `collect_epochs`."""
     redundancy, budget = reconstruction.redundancy, reconstruction.budget
     if redundancy is None:
         return before

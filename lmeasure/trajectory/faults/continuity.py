@@ -1,18 +1,18 @@
 """Steps in the counts of single channels that no motion makes, determined by the motion itself.
 
-Between two samples a body of some inertia does not step. Let x be a cable's length at four samples, d1, d2, d3 the changes between them
-in the times t1, t2, t3. Going on from before at d1/t1, or back from behind at d3/t3, the middle interval is missed by
+Between two samples a body of some inertia does not step. Let x be a cable's length at four samples, d1, d2, d3 the changes between them in
+the times t1, t2, t3. Extrapolated from before at d1/t1, or back from behind at d3/t3, the middle interval has the errors
 
     e1 = d2 - d1 t2/t1        e0 = d2 - d3 t2/t3.
 
 Where the speed changes at once within the interval the two have opposite signs, and so they have under any steady acceleration: a step is
-the median of 0, e0 and e1, what both agree on. An acceleration that changes from -A to A leaves at most A t2 (t1 + 2 t2 + t3) / 4. A is
-taken from the motion: at every sample the second largest acceleration of all cables, which no fault of one channel can be, over stretches
-long enough for whole counts not to matter; twice its largest value is allowed for.
+the median of 0, e0 and e1, the value on which both agree. An acceleration that changes from -A to A leaves at most A t2 (t1 + 2 t2 + t3) /
+4. A is taken from the motion: at every sample the second largest acceleration of all cables, which is no fault of one channel, over
+stretches long enough to make rounding irrelevant; twice its largest value is allowed.
 
-A channel that stops or runs off from one sample to the next while the others go on evenly does not follow either: its change of speed is
-held against the same A. One that all cables share is the robot's. Nor does a channel that stands on one count while another cable of the
-same point is drawn far: its encoder died, or the cable hangs.
+A channel that stops or runs off from one sample to the next while the others continue evenly does not follow either: its change of speed is
+compared with the same A. One that all cables share is the robot's. Nor does a channel that stays on one count while another cable of the
+same point moves far: its encoder died, or the cable hangs.
 """
 
 from collections.abc import Iterable
@@ -35,8 +35,8 @@ SMALLEST_COUNTS = 2.0  # by which rounding alone may miss the interval
 
 @dataclass(frozen=True)
 class Break:
-    """Where a channel went on elsewhere: after the sample at before_s, at the latest by the one at after_s, by about by_mm of cable within
-    u_mm; by_mm is NaN where it did not step but stopped or ran off. length_mm and speed_mm_s: its length and speed before and after."""
+    """Change of a channel's origin: after the sample at before_s, at the latest by the one at after_s, by about by_mm of cable within u_mm;
+    by_mm is NaN if it did not step but stopped or ran off. length_mm and speed_mm_s: its length and speed before and after."""
 
     cable: int
     before_s: float
@@ -49,9 +49,9 @@ class Break:
 
 @dataclass(frozen=True)
 class Candidates:
-    """Intervals in which something may have happened: before_s, after_s (k,); by (k, m) steps [mm], or accelerations [mm/s^2]; allowed_mm
-    (k, m) what steps may be without any acceleration; geometry_s2 (k,) what an acceleration adds to that; going_mm_s (k, m) speeds over a
-    few samples either way, without the interval; length_mm, speed_mm_s (2, k, m) of the cables before and after."""
+    """Intervals with a possible change: before_s, after_s (k,); by (k, m) steps [mm], or accelerations [mm/s^2]; allowed_mm (k, m) allowed
+    steps without any acceleration; geometry_s2 (k,) their increase by an acceleration; going_mm_s (k, m) speeds over a few samples either
+    way, without the interval; length_mm, speed_mm_s (2, k, m) of the cables before and after."""
 
     before_s: FloatArray
     after_s: FloatArray
@@ -116,7 +116,7 @@ def steps_seen(
 
 
 def _both(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return what two estimates of a step agree on: the smaller of the same sign, else nothing; nothing where one is NaN."""
+    """Return the common part of two estimates of a step: the smaller of the same sign, else zero; zero if one is NaN."""
     out = np.where(np.sign(a) == np.sign(b), np.sign(a) * np.minimum(np.abs(a), np.abs(b)), 0.0)
     return np.where(np.isfinite(out), out, 0.0)
 
@@ -148,18 +148,18 @@ def others_largest(values: FloatArray) -> FloatArray:
 
 STANDS_S = 0.2
 STANDS_MM = 50.0
-"""For so long at least, and by so much another cable of the same attachment point moves while one stands on a count: its point moves, and
-not on a sphere."""
+"""Way of another cable of the same attachment point while one stays on a count, and least duration: its point moves, and not on a
+sphere."""
 MOST_MM = 5.0
 MOST = 2.0
-"""From sample to sample a cable is drawn by so much at most, or by so many times the second most of all cables; what is more is a step."""
+"""Largest change of a cable from sample to sample, or multiple of the second largest of all cables; more is a step."""
 MOVES_MM = 5.0
 MOVING = 3  # Cables that move at least so much, when the tool does
 
 
 @dataclass(frozen=True)
 class Stood:
-    """A cable (index) whose channel stood from after_s on, until_s [s] or to the end."""
+    """Channel of a cable (index) that stayed on one count from after_s until until_s [s], or to the end."""
 
     cable: int
     after_s: float
@@ -167,7 +167,7 @@ class Stood:
 
 
 class StandingFinder:
-    """Channels that stand on one count while another cable of the same attachment point moves far."""
+    """Search for channels that stay on one count while another cable of the same attachment point moves far."""
 
     def __init__(self, rig: Rig) -> None:
         points = np.array([c.to_point for c in rig.cable])
@@ -200,7 +200,7 @@ class StandingFinder:
                 self._last[cable], self._last_s[cable] = column[seen[-1]], time_s[seen[-1]]
 
     def _look(self, j: int, time_s: FloatArray, mm: FloatArray, gone: FloatArray) -> None:
-        """At a channel's own samples: times and lengths (n,), and the ways of all cables (n, m)."""
+        """Check a channel's own samples: times and lengths (n,), and the ways of all cables (n, m)."""
         values, times = np.concatenate([self._last[j : j + 1], mm]), np.concatenate([self._last_s[j : j + 1], time_s])
         moved = np.flatnonzero((values[1:] != values[:-1]) | ~(np.diff(times) <= STANDS_S))
         edges = np.concatenate([[0], moved, [len(time_s)]])
@@ -249,7 +249,7 @@ BRIDGED_S = 0.1  # Within which a channel that comes back to where it would be a
 SHARED = 0.25  # Of the largest step that may be left of the steps of all channels where the clock stepped, or their counts were held
 HABITS_EVERY = 4  # Samples of which one is looked at for what is usual
 STALE = 0.1
-"""Of the intervals in which a cable moves: a channel that steps more often does so by nature, as one that is read more often than it
+"""Part of the intervals in which a cable moves: a channel that steps more often does so by nature, if it is read more often than it
 counts."""
 HELD = 8.0  # Intervals for which such a channel holds its counts at most
 HABIT = 0.02  # Of a run: what a cable does for longer is its habit
@@ -266,9 +266,9 @@ class Away:
 
 @dataclass(frozen=True)
 class Continuity:
-    """Evidence of a run's counts about its channels: breaks, moments away and channels that stood, in order of time; acceleration_mm_s2 of
-    the motion, least_mm (m,) the smallest step that would have been seen everywhere, infinite where none would, clock_s where all channels
-    step as if the clock did, jitter_mm (m,) what of least_mm is from time stamps that jitter."""
+    """Evidence of a run's counts about its channels: breaks, moments away and stuck channels, in order of time; acceleration_mm_s2 of the
+    motion, least_mm (m,) the smallest step that is detectable everywhere, infinite if none would, clock_s: steps of all channels like a
+    step of the clock, jitter_mm (m,) the part of least_mm from jitter of time stamps."""
 
     breaks: tuple[Break, ...]
     away: tuple[Away, ...]
@@ -289,7 +289,7 @@ class ContinuityFinder:
         self._time_s, self._mm_at = np.empty(0), np.empty((0, len(drums)))
         self._interval_s = 0.0
         self._accelerations, self._hardest = np.zeros(len(WINDOWS_S)), np.zeros(len(WINDOWS_S))
-        """Of the motion: at least, and what its stamps make of it."""
+        """Least acceleration of the motion, and its part from stamps."""
         self._standing = StandingFinder(rig)
         self._geometry = 0.0  # largest time squared over which a step may hide [s^2]
         self._jitter_mm = np.zeros(len(drums))
@@ -373,8 +373,8 @@ class ContinuityFinder:
         return out
 
     def _bridged(self, breaks: list[Break]) -> tuple[list[Break], list[Away]]:
-        """Breaks less those that the next one of the cable takes back at once, as moments away: a step the other way, or where a channel
-        that stood goes on, to within what the motion tells, where it had come without."""
+        """Return breaks without those that the cable's next one takes back at once, as moments away: a step in the other direction, or a
+        stuck channel that continues at its expected value, within the accuracy of the motion."""
         lost: list[Break] = []
         away: list[Away] = []
         for new in breaks:
@@ -395,8 +395,8 @@ class ContinuityFinder:
         return bool(abs(missed) <= known <= abs(new.by_mm) / 2.0)
 
     def _take_jumps(self, lengths: Lengths, time_s: FloatArray, mm: FloatArray, known: int) -> None:
-        """Jumps beyond the stated speed, which may stand where no step can be determined from the motion: behind empty cells, or first of
-        all."""
+        """Record jumps beyond the stated speed, which are kept if the motion cannot determine a step: behind empty cells, or at the very
+        beginning."""
         for j, reasons in enumerate(lengths.reasons):
             for reason in reasons:
                 if reason.status != Status.JUMP:
@@ -429,9 +429,9 @@ class ContinuityFinder:
             self._jitter_mm = np.fmax(self._jitter_mm, JITTERED * np.fmax.reduce(speed * off[fine], axis=1, initial=0.0))
 
     def _look_for_rushes(self, time_s: FloatArray, mm: FloatArray, x: FloatArray, known: int, w: int, number: int, off_s: float) -> None:
-        """Accelerations over w samples either way: the motion's, and those that one channel has by itself; off_s: of the stamps. Stamps
-        that are off leave less of a cable that goes than of one that turns back, whose speed is none: what is suspected is taken at the
-        least, and held against what the others may have at most."""
+        """Find accelerations over w samples either way: the motion's, and those of one channel by itself; off_s: error of the stamps. Wrong
+        stamps leave less of a moving cable than of one at its turning point, where the speed is zero. So a suspected acceleration is taken
+        at its least, and compared with the largest of the others."""
         m, n = x.shape
         if n <= 2 * w or m < 2:
             return
@@ -479,7 +479,7 @@ class ContinuityFinder:
 
 
 def _of_the_clock(by_mm: FloatArray, speed_mm_s: FloatArray, allowed_mm: FloatArray) -> bool:
-    """Whether the steps of all channels (m,) are what a step of the clock makes of their speeds."""
+    """Return whether the steps of all channels (m,) are those of a step of the clock at their speeds."""
     speed = np.nan_to_num(speed_mm_s)
     squares = float(speed @ speed)
     if (np.abs(by_mm) > allowed_mm).sum() < 2 or squares == 0.0:

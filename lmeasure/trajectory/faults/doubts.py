@@ -36,15 +36,15 @@ class Doubt(During):
 
 @dataclass(frozen=True)
 class Shift(During):
-    """By how many true counts a channel that goes on from another origin reads too much, about. What is left of it is a length: a drum's is
-    not linear in its counts, so that only near where it was can a length make up for them."""
+    """Approximate surplus of true counts in a channel that continues from another origin. The remainder is a length: a drum is not linear
+    in its counts, so that a length compensates them only near its place."""
 
     counts: float
 
 
 @dataclass(frozen=True)
 class Doubts:
-    """All of a run, in order of time, notes for the reader, and what is taken off counts that are used."""
+    """Doubts of a run, in order of time, notes for the reader, and corrections of used counts."""
 
     every: tuple[Doubt, ...] = ()
     notes: tuple[Message, ...] = ()
@@ -55,12 +55,12 @@ class Doubts:
         return replace(self, every=tuple(sorted((*self.every, *doubts), key=lambda d: (d.after_s, d.cable))))
 
     def about(self, cable: int, time_s: float) -> bool:
-        """Whether a cable is in doubt at a time."""
+        """Return whether a cable is in doubt at a time."""
         return any(d.cable == cable and d.after_s < time_s <= d.until_s for d in self.every)
 
     def applied(self, rig: Rig, lengths: Lengths) -> Lengths:
-        """Lengths of a piece of the run without the counts that are in doubt; what only a jump had made doubtful is used again where
-        nothing is said against it."""
+        """Return lengths of a piece of the run without doubtful counts; counts in doubt only for a jump are used again if nothing
+        contradicts them."""
         lost = any(reason.status == Status.ORIGIN_LOST for reasons in lengths.reasons for reason in reasons)
         first, last = float(lengths.time_s[0]), float(lengths.time_s[-1])
         here = [d for d in self.every if d.after_s < last and d.until_s >= first]

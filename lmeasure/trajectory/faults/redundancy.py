@@ -1,19 +1,19 @@
-"""Comparison of redundant cables at a sample, with everything the lengths share in their covariance.
+"""Comparison of redundant cables at a sample, with common errors of the lengths in their covariance.
 
-Let A (m, f) be the rows of the cables by the free components of the twist, r the lengths less those at a pose near the true one, S the
-covariance of the lengths: of the counts themselves, and of all that the run has in common (zero phase, calibration, start pose, ...). With
-N an orthonormal basis of what no motion reaches, A^T N = 0, the parity vector N^T r has the covariance N^T S N whatever the pose is, and
-with
+Let A (m, f) be the rows of the cables by the free components of the twist, r the lengths minus those at a pose near the true one, S the
+covariance of the lengths: of the counts themselves, and of the run's common errors (offset at zeroing, calibration, start pose, ...). With
+N an orthonormal basis of the space that no motion reaches, A^T N = 0, the parity vector N^T r has the covariance N^T S N whatever the pose
+is, and with
 
     W = N (N^T S N)^-1 N^T
 
 chi-squared is r^T W r, of m - f degrees of freedom; the error that cable j alone would have to have is (W r)_j / W_jj, of standard
-uncertainty 1/sqrt(W_jj): infinite where the others do not control it (Baarda 1968; Teunissen 2006, 4.4).
+uncertainty 1/sqrt(W_jj): infinite if the others do not control it (Baarda 1968; Teunissen 2006, 4.4).
 
-How large the contradictions of sound readings become by chance, rounding being uniform and not normal.
+Size of the contradictions of sound readings by chance, with uniform rounding instead of a normal law.
 
-A sample's parities, brought to unit covariance, are y = U u + V v with u uniform, of unit variance (the rounding of every reading, and
-where within a count its counter was zeroed), v normal (calibration, clocks, ...), and U U^T + V V^T = 1 (d, d). Of chi-squared = |y|^2 the
+A sample's parities, brought to unit covariance, are y = U u + V v with u uniform, of unit variance (the rounding of every reading, and the
+sub-count offset of its counter at zeroing), v normal (calibration, clocks, ...), and U U^T + V V^T = 1 (d, d). Of chi-squared = |y|^2 the
 mean is d, but its tail is shorter than the normal law's: sums of a few uniforms end. With g normal (d,), E exp(lambda |y|^2) = E exp(sqrt(2
 lambda) g.y): so the generating function of the moments of chi-squared follows from that of y, averaged over directions theta of the sphere,
 
@@ -21,20 +21,20 @@ lambda) g.y): so the generating function of the moments of chi-squared follows f
     E exp(lambda chi2) = 2^(1 - d/2) / Gamma(d/2) (2 lambda)^(-d/2) integral of t^(d-1) B(t) exp(-t^2 / (4 lambda)) dt
 
 and the chance of a larger one from its logarithm K by the saddlepoint formula of Lugannani and Rice (1980) in the form of Barndorff-Nielsen
-(1986), divided by what the same formula gives for the normal law, whose chance is known: so it is exact where nothing is uniform.
+(1986), divided by the same formula for the normal law, whose chance is known: so it is exact if nothing is uniform.
 
-Reliability of redundant channels as geodesists state it (Baarda, A testing procedure for use in geodetic networks, 1968).
+Reliability of redundant channels in the terms of geodesy (Baarda, A testing procedure for use in geodetic networks, 1968).
 
 With A the rows of a sample's channels, P their weights and G = (A^T P A)^-1 A^T P, a reading's *redundancy number* is r_j = 1 - (A G)_jj:
-the part of an error of it that shows in its own residual; they sum to the number of channels to spare. Let W be the weight of the
-contradictions (`redundancy`, with everything that the readings share in their covariance). The error that channel j alone would have is
-determined with the variance 1/W_jj, so the smallest fault that a test of significance alpha finds with a power is
+the part of an error of it that shows in its own residual; their sum is the number of redundant channels. Let W be the weight of the
+contradictions (`redundancy`, with common errors of the readings in their covariance). The error of channel j alone is determined with the
+variance 1/W_jj, so the smallest fault that a test of significance alpha finds with a power is
 
     m_j = (z(1 - alpha/2) + z(power)) / sqrt(W_jj)
 
 (*internal reliability*), and one that is just not found moves the pose by G_j m_j (*external reliability*). The statistics of two channels
 correlate by rho = W_jk / sqrt(W_jj W_kk): near 1 a fault of either looks like one of the other (Foerstner 1983). Without channel k that of
-j weighs W_jj (1 - rho^2), by the Schur complement: so a fault of m_j / sqrt(1 - rho^2) is found even where k is left out, and distinguished
+j weighs W_jj (1 - rho^2), by the Schur complement: so a fault of m_j / sqrt(1 - rho^2) is found even if k is omitted, and distinguished
 from one of k. The smallest that is distinguished from every other is that of the largest rho.
 
 Without a redundant cable, returns and reversals show faults of least sizes (`detectable_sizes`). With the limit c from which two visits of
@@ -88,7 +88,7 @@ class ChanceOfContradiction:
 
 
 def chance_of(uniform: FloatArray, normal: FloatArray) -> ChanceOfContradiction:
-    """At p places of a run together, each as likely as the others: U (p, d, k) and V (p, d, l) of their parities."""
+    """Return the chance at p places of a run together, each as likely as the others: U (p, d, k) and V (p, d, l) of their parities."""
     each = [_of_one(U, V) for U, V in zip(uniform, normal, strict=True)]
     grid = np.linspace(0.0, max(q[-1] for q, _ in each), 400)
     chances = np.array([np.exp(np.interp(grid, np.append(0.0, q), np.append(0.0, p))) * (grid <= q[-1]) for q, p in each])
@@ -161,8 +161,8 @@ UNCONTROLLED = 1e-6  # Of a cable's variance that the others must be able to sho
 
 @dataclass(frozen=True)
 class Epochs:
-    """Samples of a run: time_s (n,), change_mm (n, m) of the cables, NaN where they are not used, gone_on_mm (n, m) the same of whatever
-    they showed, counts and speeds (n, m), own variance of the lengths (n, m) [mm^2], temperatures and last travel (n, m) or None."""
+    """Samples of a run: time_s (n,), change_mm (n, m) of the cables, NaN for unused ones, gone_on_mm (n, m) the same with unused ones,
+    counts and speeds (n, m), own variance of the lengths (n, m) [mm^2], temperatures and last travel (n, m) or None."""
 
     time_s: FloatArray
     change_mm: FloatArray
@@ -188,7 +188,7 @@ class Epochs:
         return replace(self, change_mm=change)
 
     def situation(self, poses: FloatArray) -> Situation:
-        """Return what errors of their lengths depend on, at poses (n, 7)."""
+        """Return the conditions on which errors of the lengths depend, at poses (n, 7)."""
         return Situation(self.time_s, poses, self.counts, self.speed_mm_s, self.temperature_c, self.travel)
 
 
@@ -224,7 +224,7 @@ class Redundancy:
         self.free, self._size = budget.scheme.free_index, platform_size(budget.scheme.rows)
         at_start = span_lengths(self._rows, budget.model.zero_pose[None])[0]
         self.zero = np.where(budget.absolute, 0.0, at_start - (0.0 if begun is None else begun))
-        """(m,) what of a span, or of an angle, a channel's readings do not show."""
+        """(m,) part of a span, or of an angle, that a channel's readings do not show."""
         angles = self._rows[:, KIND] > CABLE
         # of what readings are compared in: lengths as they are, angles as lengths of about the same scatter
         self.unit = np.where(angles, np.sqrt(budget.variance / budget.variance[~angles].min()), 1.0)
@@ -275,9 +275,9 @@ class Redundancy:
     def error_of(
         self, j: int, epochs: Epochs, poses: FloatArray, used: BoolArray, *, offsets: FloatArray, apart_from: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(n,) each: what channel j reads too much by the others at poses (n, 7) that these tell [mm, rad], what of its uncertainty is a
-        sample's own, and what samples have in common without the last variables of the run; NaN where nothing controls it. Readings are
-        too large by offsets (n, m) or (1, m)."""
+        """Return (n,) each: the surplus of channel j's reading over that of the others' poses (n, 7) [mm, rad], the part of its uncertainty
+        from a sample alone, and the common part without the last variables of the run; NaN if nothing controls it. Readings are too large
+        by offsets (n, m) or (1, m)."""
         n, m = epochs.change_mm.shape
         error, own, common = np.full((3, n), np.nan)
         for begin in range(0, n, CHUNK):
@@ -337,8 +337,8 @@ class Redundancy:
         return chance_of(np.linalg.solve(root, U), np.linalg.solve(root, V))
 
     def jointly(self, epochs: Epochs, poses: FloatArray, used: BoolArray) -> tuple[float, FloatArray, int]:
-        """Chi-squared of all epochs together, whose systematic errors are one draw, and so is the rounding of a count that stands, each
-        epoch's own (n,), and the degrees of freedom of an epoch; the same cables are used at all of them."""
+        """Return chi-squared of all epochs together, with one draw of systematic errors and of the rounding of an unchanged count, each
+        epoch's own (n,), and the degrees of freedom of an epoch; all use the same cables."""
         basis = _without_unused(self.basis(poses, used), used)
         residual = np.where(used, self.residuals(poses, epochs.gone_on_mm), 0.0) / self.unit
         parity = np.einsum("njr,nj->nr", basis, residual)
@@ -395,8 +395,8 @@ class Faults:
 
 
 def faults_shown(weight: FloatArray, controlled: BoolArray | None = None) -> Faults:
-    """By the weights W (n, m, m) of contradictions; controlled (n, m): channels that the others control, those with more than rounding of a
-    weight, in units of which readings scatter by about 1, where it is None."""
+    """Return detectable faults from the weights W (n, m, m) of contradictions; controlled (n, m): channels that the others control. None:
+    those with more than a rounded weight, in units in which readings scatter by about 1."""
     diagonal = np.einsum("njj->nj", weight)
     controlled = diagonal > LEAST_WEIGHT if controlled is None else controlled
     root = np.sqrt(np.where(controlled, diagonal, np.nan))
@@ -410,8 +410,8 @@ def faults_shown(weight: FloatArray, controlled: BoolArray | None = None) -> Fau
 @dataclass(frozen=True)
 class Reliability:
     """At n samples of m channels: redundancy number (n, m); smallest fault that is found (n, m) [mm, rad], and that is distinguished from
-    one of any other channel, infinite where nothing controls a channel; effect (n, m) on the tool's place [mm] of one that is just not
-    found; correlation (n, m, m) of the channels' tests, NaN where a channel is not controlled. NaN of a channel that is not used."""
+    one of any other channel, infinite if nothing controls a channel; effect (n, m) on the tool's position [mm] of one that is just not
+    found; correlation (n, m, m) of the channels' tests, NaN for a channel without control. NaN for unused channels."""
 
     time_s: FloatArray
     redundancy: FloatArray
@@ -451,8 +451,8 @@ def reliability_notes(rig: Rig, found: Reliability) -> tuple[Message, ...]:
 
 
 def _largest_fault(rig: Rig, found: Reliability) -> Message:
-    """In a line: the least redundancy number, the largest fault that is not found, what it does to the tool, and which two channels are
-    hardest to tell apart."""
+    """Return one line with the least redundancy number, the largest undetected fault, its effect on the tool, and the two channels that are
+    hardest to distinguish."""
     observed = rig.observed
     names = [o.name for o in observed]
     number = np.where(np.isnan(found.redundancy), np.inf, found.redundancy)
@@ -480,7 +480,8 @@ def _largest_fault(rig: Rig, found: Reliability) -> Message:
 
 
 def _smallest_faults(rig: Rig, found: Reliability) -> Message:
-    """In a line: of every channel the smallest fault that a sample tells apart from one of any other, at the best and the worst of them."""
+    """Return one line with the smallest fault of every channel that a sample distinguishes from one of any other, at the best and the worst
+    of them."""
     determined = []
     for o, sizes in zip(rig.observed, found.apart.T, strict=True):
         seen = sizes[~np.isnan(sizes)]
@@ -520,7 +521,7 @@ class DetectableSizes:
 
     @property
     def lines(self) -> list[Message]:
-        """Return the lines for a person: the sizes, and what nothing shows."""
+        """Return lines with the sizes, and the undetectable faults."""
         shown = self.sizes
         lines = [message("detectable.sizes", positions=self.positions, sizes=shown)] if shown else []
         if not np.isfinite(self.lost_mm):
@@ -553,10 +554,10 @@ def detectable_sizes(
 
 
 def proposed_returns(rig: Rig, poses: FloatArray, names: Sequence[str], speed_mm_s: float | None = None) -> list[Message]:
-    """Return a line that proposes which of (n, 7) poses to visit again at the end, and a path forth and back at a speed, and states what
-    these show. No line for a rig that has other than six cables, whose redundant channels show more, or with fewer than three poses.
+    """Return a line that proposes some of (n, 7) poses to visit again at the end, and a path forth and back at a speed, with the faults
+    that these detect. No line unless the rig has six cables (redundant channels detect more), or with fewer than three poses.
 
-    The first pose shows lost counts. The others are those that add most to the directions of the cable that sees a moved point worst.
+    The first pose shows lost counts. The others add most to the directions of the cable that detects a moved point worst.
     """
     rows = rig.cable_rows()
     if len(rows) != SIX or rig.sensors or len(poses) < RETURNS:

@@ -28,7 +28,7 @@ from lmeasure.trajectory.faults.rests import LEAST_CABLES, NEAR_MM, RestFinder, 
 BACK_COUNTS = 3.0
 BACK_MM = 0.1
 BACK_SCATTERS = 3.0
-"""Of the other channels at the two visits (root mean square), between these bounds: up to this a channel is back where it was."""
+"""Scatter of the other channels at the two visits (root mean square), between these bounds: up to this a channel has returned."""
 MOST_NOTES = 12  # Notes of a run's counters that a reader is asked to read
 STILL_MM_S2 = 1e-6  # An acceleration below it is rounding of numbers: samples 1 s apart would show 1e-6 mm of it
 COARSE_MM = 1.0  # A step of a channel that would not be seen is said to be one that sampling is too slow for from this size on
@@ -72,7 +72,7 @@ def doubts_of(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
 
 
 def unseen_steps(rig: Rig, continuity: Continuity) -> Message:
-    """Return what steps of a counter this run would not show."""
+    """Return the steps of a counter that this run would not detect."""
     blind = np.flatnonzero(np.isinf(continuity.least_mm))
     if len(blind) == len(rig.cable):
         return message("steps.none")
@@ -110,7 +110,7 @@ def _for_a_moment(rig: Rig, away: Away) -> Doubt:
 
 
 def _lost(rig: Rig, at: Break, until_s: float, count_mm: float, *, stood: bool) -> Doubt:
-    """stood: the channel stood before."""
+    """Return the doubt; stood: the channel was stuck before."""
     channel = rig.cable[at.cable].channel
     between = {"after_s": at.before_s, "before_s": at.after_s}
     if np.isnan(at.by_mm) and stood:
@@ -124,7 +124,7 @@ def _lost(rig: Rig, at: Break, until_s: float, count_mm: float, *, stood: bool) 
 
 
 class _Places:
-    """Where a run rested, and which channels are believed there, as long as doubts go."""
+    """Rests of a run by position, and the trusted channels there, while doubts continue."""
 
     def __init__(self, rests: Rests, every: list[Doubt]) -> None:
         self._begin_s, self._length_mm = rests.begin_s, rests.length_mm
@@ -160,7 +160,8 @@ SIGNIFICANCE = 1e-3  # Of a run: shared by all channels and all moments at which
 LEAST_COUNTS = 5.0  # A step that is smaller is not determined from the robot's
 SCATTERS = 3.0  # Or smaller than this many scatters of single visits
 AT_ONCE = 0.5
-"""Of a step must lie between the two visits of each place next to it, beyond what lies between others near: a drift is spread over all."""
+"""Part of a step that must lie between the two visits of each position next to it, beyond the usual change between visits: a drift is
+spread over all."""
 TRENDED = 6  # Degrees of freedom from which a linear drift is taken off
 DETERMINED = 3  # Changes from visit to visit from which their scatter is determined
 MOST_STEPS = 12
@@ -168,13 +169,13 @@ MOST_RETURNS = 32  # Most positions visited again whose cable directions are com
 TERMS = 8  # Of the series of a closure that was lost at an unknown moment
 
 SUSPECTED = "counts.suspected"
-"""Of the cause of a sample whose pose is there but hangs on counts that may be wrong."""
+"""Cause of a sample whose pose depends on doubtful counts."""
 CLOSURE = "closure of the counts"
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step in one channel's counts: of which cable (index), between which times [s], by how many recorded counts and mm of length."""
+    """Step in one channel's counts: index of the cable, times before and after [s], recorded counts and mm of length."""
 
     cable: int
     name: str
@@ -213,7 +214,7 @@ class Evidence:
 
     @property
     def sound(self) -> bool:
-        """Whether nothing is to be said against the counts."""
+        """Return whether the counts are trusted."""
         return not self.steps and not self.closure_mm.any() and not self.late_s.any()
 
     @property
@@ -254,7 +255,7 @@ class Evidence:
         return np.where(np.arange(m)[:, None] == late, speed_mm_s[:, :m, None] * self.late_s[late], 0.0)
 
     def causes(self, time_s: FloatArray, unused: BoolArray) -> list[tuple[BoolArray, Message]]:
-        """Which of n samples at times (n,) hang on counts that are suspected, and why; unused (n, m): cables that were left out."""
+        """Return the samples of n at times (n,) with suspected counts, and the reason; unused (n, m): omitted cables."""
         return [((time_s > step.after_s) & ~unused[:, step.cable], message(SUSPECTED, step=step.said)) for step in self.steps]
 
 
@@ -290,8 +291,8 @@ class EvidenceFinder:
 
 
 def evidence_of(rig: Rig, rests: Rests, recorded: tuple[Recorded, ...] = (), doubts: Doubts = NONE) -> Evidence:
-    """What the rests of a run tell of the rig's counters, beside the closures that were recorded. What a channel shows while it is in doubt
-    is nobody's length: of its steps and closures then nothing is said."""
+    """Return the evidence of a run's rests on the rig's counters, beside the recorded closures. The values of a channel in doubt are no
+    lengths: its steps and closures are not reported."""
     drums = [rig.point(c.from_point).drum for c in rig.cable]
     per_mm = np.array([d.count_sign * d.scale / d.count_length_mm for d in drums])
     count_mm = 1.0 / np.abs(per_mm)
@@ -349,7 +350,7 @@ def _returned(rests: Rests, recorded: tuple[Recorded, ...]) -> FloatArray:
 
 
 def _recorded(rig: Rig, entry: Recorded, per_mm: FloatArray) -> FloatArray:
-    """(m,) what the recorder saw of a pass [mm], zero for cables of other passes."""
+    """Return (m,) closures of a pass by the recorder [mm], zero for cables of other passes."""
     counts = [entry.closure_counts.get(c.channel, 0.0) if entry.passage == c.passage else 0.0 for c in rig.cable]
     return np.asarray(np.array(counts) / per_mm)
 
@@ -364,8 +365,8 @@ def _without(steps: tuple[Step, ...], difference: FloatArray, between: tuple[flo
 
 
 def _returns(rests: Rests) -> list[tuple[FloatArray, tuple[float, float]]]:
-    """For each place that is visited again, that of the first rest first: the lengths (m,) at the last visit less those at the first, and
-    the times between which the robot was away."""
+    """Return for each position with several visits, in order of first rests: the lengths (m,) at the last visit minus those at the first,
+    and the times between which the robot was away."""
     places, out = rests.places(), []
     for place in np.unique(places):
         first, last = np.flatnonzero(places == place)[[0, -1]]
@@ -411,8 +412,8 @@ def _without_steps(rests: Rests, steps: tuple[Step, ...]) -> FloatArray:
 
 
 def _scatter(rests: Rests, steps: tuple[Step, ...]) -> FloatArray:
-    """(m,) standard deviations [mm] of single visits, the suspected steps taken off, by the changes from visit to visit of a place, which a
-    slow drift hardly enters; zero where there are too few to tell."""
+    """Return (m,) standard deviations [mm] of single visits without the suspected steps, from the changes between visits of a position,
+    which a slow drift hardly affects; zero with too few visits."""
     values = _without_steps(rests, steps)
     places = rests.places()
     changes = np.concatenate([np.diff(values[places == place], axis=0) for place in np.unique(places)] or [values])
@@ -498,8 +499,8 @@ def _squares(labels: IntArray) -> FloatArray:
 
 
 def _at_once(values: FloatArray, labels: IntArray, k: int) -> float:
-    """By how much values (N,) change at row k: the mean, over the places (N,) visited on both sides, of the first value behind it less the
-    last before it, beyond the mean change from visit to visit next to that."""
+    """Return the change of values (N,) at row k: the mean, over the positions (N,) visited on both sides, of the first value behind it
+    minus the last before it, beyond the mean change between visits next to that."""
     changes = []
     for place in np.unique(labels[k:]):
         visits = np.flatnonzero(labels == place)

@@ -1,15 +1,15 @@
-"""Where a run rests, which of its rests are visits of one place, and which channels are late where it follows a path forth and back.
+"""Rests of a run, visits of one position among them, and late channels on a path forth and back.
 
-A rest is a mean of lengths. Two rests are of one place when all cables but one agree: six lengths are a pose, and two poses that a robot is
-sent to do not differ by the one twist that a single cable sees; a counter that lost counts does.
+A rest is a mean of lengths. Two rests are of one position if all cables but one agree: six lengths are a pose, and two commanded poses do
+not differ by the one twist that changes a single cable; a counter that lost counts does.
 
 The counts of a channel that is late by tau_j show l_j - v_j tau_j, with v_j the speed of the cable. Where the robot passes a position in
 both directions, the lengths of the two passages differ by
 
     l(t2) - l(t1) = s u - (v(t2) - v(t1)) tau + e,
 
-with s the way between the two along the mean direction u of the path, and e what the robot deviates. s is eliminated, and tau follows by
-least squares over all such pairs, but for what all channels are late by in common. Play and friction of a single drum look alike.
+with s the distance of the two along the mean direction u of the path, and e the robot's deviation. s is eliminated, and tau follows by
+least squares over all such pairs, except for the common delay of all channels. Play and friction of a single drum look alike.
 """
 
 from dataclasses import dataclass
@@ -51,8 +51,8 @@ class Rests:
         return len(self.begin_s)
 
     def places(self) -> IntArray:
-        """(N,) the number of the place that each rest is a visit of, from 0 in order of their first visits. A rest is held against the last
-        visit of every place, for robots drift and counters slip more than once."""
+        """Return (N,) the index of each rest's position, from 0 in order of first visits. A rest is compared with the last visit of every
+        position, since robots drift and counters slip more than once."""
         n, m = self.length_mm.shape
         last = np.empty((n, m))
         out = np.empty(n, np.int64)
@@ -124,7 +124,7 @@ class RestFinder:
 
 
 def _kept_from(begin: float, end: float) -> float:
-    """From when on a rest is looked at: the same whatever the pieces in which it comes."""
+    """Return the time from which a rest is used: the same for any pieces in which it comes."""
     return begin + max(np.floor((end - begin) / LONGEST_S) - 1.0, 0.0) * LONGEST_S
 
 

@@ -1,7 +1,7 @@
-"""Trajectories that another instrument measured: tables of any usual kind, TUM, EuRoC, motion capture, and messages of ROS.
+"""Trajectories of other instruments: tables of any usual kind, TUM, EuRoC, motion capture, and messages of ROS.
 
-A format is detected by its whole header, and `--columns` that names the header's columns overrules it. Nothing need be there but times and
-positions. What is not measured is NaN; uncertainties that nobody states are not known, which `Trajectory.absent` says, and no zero.
+A format is detected by its whole header, and `--columns` that names the header's columns overrules it. Only times and positions are
+required. Missing values are NaN; unstated uncertainties are unknown, as `Trajectory.absent` states, not zero.
 """
 
 import re
@@ -30,15 +30,15 @@ BAGS = {
     ".bag": "is a ROS 1 bag: `mcap convert {name} {stem}.mcap` makes the .mcap that is read here",
 }
 Uncertain = tuple[FloatArray, FloatArray, tuple[str, ...]]
-"""(n, 6, 6) random and systematic covariances, and what of "position" and "rotation" has none."""
+"""(n, 6, 6) random and systematic covariances, and the parts "position" and "rotation" without one."""
 REPEATED = 0.01  # Of the rows: so many may have the stamp of the row before and another pose; more, and the stamps are too coarse
 
 
 @dataclass(frozen=True)
 class Stated:
-    """Statements about a file outside it: which column is which, and standard uncertainties of each coordinate [mm] and of a small
-    rotation about each axis [rad], instead of the file's. of_others: columns speak of other files too, and what this one has not is one of
-    theirs. angles: convention of the file's angles; likely: that of the program, which counts where units do not contradict it."""
+    """Statements about a file outside it: assignment of columns, and standard uncertainties of each coordinate [mm] and of a small rotation
+    about each axis [rad], instead of the file's. of_others: columns may name those of other files too. angles: convention of the file's
+    angles; likely: that of the program, used unless the units contradict it."""
 
     columns: Mapping[str, Column] | None = None
     u_position_mm: float | None = None
@@ -49,7 +49,7 @@ class Stated:
 
     @property
     def anything(self) -> bool:
-        """Whether anything is said that replaces what the file states."""
+        """Return whether anything replaces the file's statements."""
         return bool(self.columns) or self.u_position_mm is not None or self.u_rotation_rad is not None
 
 
@@ -121,7 +121,7 @@ def read_trajectory(
 
 
 def _is_named(path: Path, kind: str, columns: Mapping[str, Column]) -> bool:
-    """Whether --columns names columns of a format's header, as of a table; a choice of one of its markers is that, too."""
+    """Return whether --columns names columns of a format's header, as of a table; a choice of one of its markers counts too."""
     if kind == "markers" or (kind == "tum" and not _is_tum_header(_header_line(path))):
         return "body" in columns
     table = ForeignTable(path, {})
@@ -129,7 +129,7 @@ def _is_named(path: Path, kind: str, columns: Mapping[str, Column]) -> bool:
 
 
 def _of_table(path: Path, stated: Stated, default: Mapping[str, Column] | None = None) -> Trajectory:
-    """A table; default: which column is which where --columns does not say it."""
+    """Return the trajectory of a table; default: assignment of columns that --columns does not state."""
     given = ForeignTable(path, {**(default or {}), **(stated.columns or {})}, part=stated.of_others)
     if len(given) == 0:
         raise core.FileFormatError(message("error.has_no_rows", where=path))
@@ -161,7 +161,7 @@ def _of_table(path: Path, stated: Stated, default: Mapping[str, Column] | None =
 
 
 def kind_of(path: Path) -> str:
-    """Return what `read_trajectory` takes a file for: mcap, tum, parquet, markers, euroc, or table."""
+    """Return the kind of a file for `read_trajectory`: mcap, tum, parquet, markers, euroc, or table."""
     suffix = path.suffix.lower()
     if suffix in BAGS:
         raise core.FileFormatError(composed("{where}: {error}", where=path, error=BAGS[suffix].format(name=path.name, stem=path.stem)))
@@ -180,13 +180,13 @@ def kind_of(path: Path) -> str:
 
 
 def _is_tum_header(line: str) -> bool:
-    """Whether a commented line names the columns of a TUM file."""
+    """Return whether a commented line names the columns of a TUM file."""
     names = tuple(re.split(r"[\s,]+", line.strip("# \t\r\n").lower()))
     return line.lstrip().startswith("#") and names[0] in TIMES and names[1:] == TUM[1:]
 
 
 def _is_tum(text: str) -> bool:
-    """Whether all lines but comments are eight numbers with blanks between, quaternions of unit length in the last four."""
+    """Return whether all lines but comments are eight numbers with blanks between, quaternions of unit length in the last four."""
     rows = [line.split() for line in text.splitlines()[:-1] if line.strip() and not line.lstrip().startswith("#")]
     try:
         values = np.array([[float(word) for word in row] for row in rows])
@@ -259,7 +259,7 @@ def _uncertainties(table: ForeignTable, stated: Stated, oriented: bool) -> Uncer
 
 
 def _same(n: int, stated: Stated, oriented: bool) -> Uncertain:
-    """Of a file that states no uncertainty."""
+    """Return the uncertainty of a file that states none."""
     said = (stated.u_position_mm, stated.u_rotation_rad)
     u = np.repeat([0.0 if value is None else value for value in said], 3)
     absent = [w for w, value in zip(("position", "rotation"), said, strict=True) if value is None]
@@ -345,8 +345,8 @@ def _of_messages(path: Path, stated: Stated) -> Trajectory:
 
 
 def _checked(path: Path, found: Trajectory, lines: list[int], notes: list[Message] | None = None) -> Trajectory:
-    """The trajectory with quaternions of unit length, and without rows that repeat the stamp of the one before, which notes say.
-    FileFormatError names the row of a time that goes back, or a number that is none."""
+    """Return the trajectory with quaternions of unit length, and without rows that repeat the stamp of the one before; notes report these.
+    FileFormatError names the row of a time that goes back, or of a wrong number."""
 
     def at(row: int) -> str:
         return message("log.line", number=lines[row]) if lines else message("file.row", number=row + 1)

@@ -1,9 +1,9 @@
-"""Trajectories of a rigid body from labelled markers, as motion capture exports them: tables of tabs, three columns for each marker.
+"""Trajectories of a rigid body from labelled markers, in exports of motion capture: tables of tabs, three columns for each marker.
 
-The body's shape is found from all frames together, its poses by rotating it onto what each frame shows (Kabsch, Acta Cryst. A 34, 1978),
-and what is left over is the uncertainty of a marker, from which that of the poses follows. Labels that were swapped are put right where
-that explains a frame, a single marker that lies off is left out, and both are reported. Its origin is the middle of the markers, its axes
-are those of the instrument in the first frame that shows all of them.
+The body's shape is found from all frames together, its poses by rotating it onto each frame (Kabsch, Acta Cryst. A 34, 1978). The residuals
+are the uncertainty of a marker, from which that of the poses follows. Swapped labels are corrected if that explains a frame, a single
+outlying marker is omitted, and both are reported. Its origin is the middle of the markers, its axes are those of the instrument in the
+first frame that shows all of them.
 """
 
 import re
@@ -38,8 +38,8 @@ class Marked:
 
 @dataclass(frozen=True)
 class Body:
-    """poses (n, 7) of the body, NaN where it was not seen, covariance (n, 6, 6) of (rotation [rad]; position [mm]), standard uncertainty
-    of a marker's coordinate [mm], and what is to be said."""
+    """poses (n, 7) of the body, NaN where it is hidden, covariance (n, 6, 6) of (rotation [rad]; position [mm]), standard uncertainty of a
+    marker's coordinate [mm], and remarks."""
 
     poses: FloatArray
     covariance: FloatArray
@@ -48,7 +48,7 @@ class Body:
 
 
 def is_of_markers(text: str) -> bool:
-    """Whether the beginning of a file is one of labelled markers."""
+    """Return whether the beginning of a file is one of labelled markers."""
     return bool(re.match(r"\ufeff?\s*(NO_OF_FRAMES|PathFileType)\t", text))
 
 
@@ -60,7 +60,7 @@ def read_markers(path: Path) -> Marked:
 
 
 def body_of(marked: Marked, path: Path) -> Body:
-    """The rigid body of the markers; FileFormatError where they are too few, or stand in a line."""
+    """Return the rigid body of the markers; FileFormatError if they are too few, or lie on a line."""
     places, names = marked.places.copy(), marked.names
     seen = _seen(places)
     enough = seen.sum(axis=1) >= LEAST
@@ -108,8 +108,8 @@ def _seen(places: FloatArray) -> BoolArray:
 
 
 def _fitted(places: FloatArray, shape: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(n, 3, 3) rotations and (n, 3) places of the shape's origin that bring the shape (m, 3) onto the seen markers, and (n,) root mean
-    square of what is left over, freedom counted; NaN where a frame shows too few."""
+    """Return (n, 3, 3) rotations and (n, 3) places of the shape's origin that bring the shape (m, 3) onto the visible markers, and (n,)
+    root mean square of the residuals per degree of freedom; NaN for a frame with too few."""
     seen = _seen(places) & ~np.isnan(shape).any(axis=1)
     count = seen.sum(axis=1)
     good = count >= LEAST
@@ -138,7 +138,7 @@ def _usual(places: FloatArray, frames: IntArray) -> int:
 
 
 def _first_shape(path: Path, places: FloatArray) -> FloatArray:
-    """(m, 3) about the middle of the markers that are seen; FileFormatError where these stand in a line."""
+    """Return the (m, 3) shape about the middle of the visible markers; FileFormatError if these lie on a line."""
     shape = places - np.nanmean(places, axis=0)
     size = np.linalg.svd(shape[~np.isnan(shape).any(axis=1)], compute_uv=False)
     if size[1] < FLAT * size[0]:
@@ -147,7 +147,7 @@ def _first_shape(path: Path, places: FloatArray) -> FloatArray:
 
 
 def _centred(shape: FloatArray, before: FloatArray) -> FloatArray:
-    """About its middle; markers that no frame tells stay as they were."""
+    """Return the shape about its middle; markers that no frame shows stay the same."""
     known = np.where(np.isnan(shape), before, shape)
     return np.asarray(known - np.nanmean(known, axis=0))
 
@@ -155,8 +155,8 @@ def _centred(shape: FloatArray, before: FloatArray) -> FloatArray:
 def _mended(
     places: FloatArray, shape: FloatArray, odd: IntArray, limit: float
 ) -> tuple[dict[tuple[int, int], list[int]], dict[int, list[int]]]:
-    """Undo in places (n, m, 3), by frames `odd`, what explains them: two labels swapped, or a marker that lies off and is taken out. The
-    frames of each."""
+    """Correct in places (n, m, 3) the frames `odd`: two swapped labels, or an outlying marker, which is removed. Return the frames of
+    each."""
     swaps: dict[tuple[int, int], list[int]] = {}
     strays: dict[int, list[int]] = {}
     for i in odd.tolist():
@@ -184,14 +184,16 @@ def _mended(
 
 
 def _scatter(left: FloatArray, seen: BoolArray, fits: BoolArray) -> float:
-    """Standard uncertainty of a marker's coordinate [mm] from what is left over, the shape's freedom taken off; NaN where none is left."""
+    """Return the standard uncertainty of a marker's coordinate [mm] from the residuals, corrected for the shape's freedom; NaN without
+    any."""
     freedom = (3 * seen.sum(axis=1) - 6)[fits]
     spare = float(freedom.sum() - (3 * int(seen[fits].any(axis=0).sum()) - 6))
     return max(float(np.sqrt((left[fits] ** 2 * freedom).sum() / spare)), EXACT_MM) if spare > 0 else float("nan")
 
 
 def _covariances(shape: FloatArray, turns: FloatArray, seen: BoolArray, fits: BoolArray) -> FloatArray:
-    """(n, 6, 6) of (rotation; position) by markers of unit uncertainty: the inverse of the sum of what each tells."""
+    """Return the (n, 6, 6) covariance of (rotation; position) by markers of unit uncertainty: the inverse of the sum of their
+    information."""
     out = np.zeros((len(turns), 6, 6))
     arms = np.einsum("nij,mj->nmi", turns[fits], shape)
     moves = se3.at_points(arms.reshape(-1, 3))[:, 3:].reshape(*arms.shape[:2], 3, 6)

@@ -65,8 +65,8 @@ def messages(trajectory: Trajectory) -> tuple[IntArray, NDArray[Any]]:
 
 @contextmanager
 def mcap_writer(path: Path, covers: str) -> Iterator[Callable[[Trajectory], None]]:
-    """Write a trajectory in pieces as messages on `TOPIC`, whole or not at all; metadata `lmeasure` keeps what the uncertainties cover.
-    TrajectoryError when the package mcap is not installed, or a time lies before 0, which no stamp can tell."""
+    """Write a trajectory in pieces as messages on `TOPIC`, whole or not at all; metadata `lmeasure` keeps the sources in the uncertainties.
+    TrajectoryError if the package mcap is not installed, or a time is before 0, for which there is no stamp."""
     try:
         from mcap.writer import Writer
     except ImportError as error:

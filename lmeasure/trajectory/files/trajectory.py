@@ -72,14 +72,14 @@ class Trajectory(Shown):
     chi_squared: FloatArray | None = None
     """(n,) chi-squared of the contradictions between redundant lengths; NaN without redundant cables. None: not computed."""
     assumed: Assumed = NOTHING
-    """Effect of typical sizes that are assumed because nobody stated them, and the statements that would help most."""
+    """Effect of assumed typical sizes, and the statements that would help most."""
     absent: tuple[str, ...] = ()
     """Quantities without a stated uncertainty: "position", "rotation"."""
     u95_assumed_mm: FloatArray | None = None
     """(n,) part of the position's U95 that assumed values make [mm]; None: not computed."""
 
     def about(self) -> dict[str, str]:
-        """Samples, worst angle, uncertainty and what it covers."""
+        """Return samples, worst angle, uncertainty and its sources."""
         summary = self.overview()
         return {
             "samples": f"{summary.samples}, " + ", ".join(f"{count} {word}" for word, count in summary.statuses.most_common()),
@@ -128,7 +128,7 @@ class Trajectory(Shown):
         return out
 
     def summary(self) -> str:
-        """A few lines for a person: how many samples of which status, worst residual and angle, what the uncertainties cover."""
+        """Return a few lines: number of samples by status, worst residual and angle, sources in the uncertainties."""
         return self.overview().text()
 
     def overview(self) -> "Summary":
@@ -214,7 +214,7 @@ class Summary:
 
 
 def read_own(path: Path) -> Trajectory:
-    """Read what `written.write_trajectory` wrote; covariances come back as their diagonals. FileFormatError names the row and column."""
+    """Read the output of `written.write_trajectory`; covariances come back as their diagonals. FileFormatError names the row and column."""
     table = files.read_table(path)
     u = table.matrix(UNCERTAINTY_COLUMNS, gaps=True)
     # a trajectory of another program may not tell the parts apart

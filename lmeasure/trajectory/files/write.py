@@ -17,9 +17,9 @@ from lmeasure.trajectory.files.trajectory import Trajectory
 @contextmanager
 def trajectory_writer(path: Path, covers: str, angles: str | None = None) -> Iterator[Callable[[Trajectory], None]]:
     """Write a trajectory in pieces, whole or not at all: .parquet or .csv with the columns of the contract, and the angles of a convention
-    when one is named; .tum with the poses alone (time and x y z qx qy qz qw in seconds and metres, only what is known); .mcap with ROS 2
-    messages of poses and covariances (`ros.mcap_writer`). Parquet keeps `covers` and the ids of
-    causes in its metadata, .csv these in a column `cause_message`."""
+    if given; .tum with the poses alone (time and x y z qx qy qz qw in seconds and metres, known ones only); .mcap with ROS 2 messages of
+    poses and covariances (`ros.mcap_writer`). Parquet keeps `covers` and the ids of causes in its metadata, .csv these in a column
+    `cause_message`."""
     if Path(path).suffix.lower() == ".mcap":
         with mcap_writer(path, covers) as write_messages:
             yield write_messages

@@ -47,7 +47,7 @@ def rests(trajectory: Trajectory, positions: FloatArray, still_mm: float) -> lis
 
 
 def _goes_on(time_s: FloatArray, positions: FloatArray, one: slice, other: slice, still_mm: float) -> bool:
-    """Whether two rests are one that some samples that lie off have broken."""
+    """Return whether two rests are one that some outlying samples have interrupted."""
     between = positions[one.stop - 1 : other.start + 1]
     if time_s[other.start] - time_s[one.stop - 1] > BROKEN_S or np.isnan(between).any():
         return False
@@ -56,9 +56,9 @@ def _goes_on(time_s: FloatArray, positions: FloatArray, one: slice, other: slice
 
 
 def settled(time_s: FloatArray, positions: FloatArray, rest: slice) -> tuple[float, float]:
-    """The window of a rest: from its middle to where the robot is about to leave, which it does slowly at first.
+    """Return the window of a rest: from its middle to the robot's departure, which is slow at first.
 
-    It leaves when it goes away for good: of counts that flicker now and then while it stands some lie outside its scatter.
+    It ends when the robot goes away for good: flickering counts of a rest may lie outside its scatter.
     """
     times, here = time_s[rest], positions[rest]
     n = len(times)
@@ -119,7 +119,7 @@ class AttainedPose:
     angle_deg: float
 
     def scatter_within(self, groups: IntArray) -> FloatArray:
-        """(6, 6) covariance of the attained poses about the mean of their group, groups (n,) by number; zero where all stand alone."""
+        """Return the (6, 6) covariance of the attained poses about the mean of their group, groups (n,) by index; zero if each is alone."""
         total, freedom = np.zeros((6, 6)), 0
         for group in np.unique(groups):
             poses = self.poses[groups == group]

@@ -25,7 +25,7 @@ CHOSEN_BY = 20_000  # Samples by which a window is chosen, in pieces
 FULL = 0.5 * (LEAST + 1)
 """Periods of a half width that holds enough samples on both sides."""
 WIDEST_S = 1.0
-"""That the usual interval needs, unless it is asked for: beyond it times are likely in another unit."""
+"""Widest default interval; if more is needed, times are likely in another unit."""
 COVERAGE = 0.95
 NEAR = 6.0  # Standard uncertainties below the largest speed that another may lie and still be the one that erred most
 _AXES = ("x", "y", "z")
@@ -65,8 +65,8 @@ class Motion:
         return np.asarray(np.linalg.norm(self.velocity[:, 3:], axis=1))
 
     def largest_speed(self) -> tuple[float, float]:
-        """The largest of all speeds [mm/s] and its U95 as such: the largest of many is one that erred upwards, by what as many independent
-        windows as there are of about its speed err at most (Bonferroni)."""
+        """Return the largest of all speeds [mm/s] and its U95: the largest of many has an upward error, at most that of as many independent
+        windows as have about its speed (Bonferroni)."""
         speed = self.speed_mm_s
         top = int(np.nanargmax(speed))
         u = float(self.u_speed_mm_s[top])
@@ -94,12 +94,11 @@ class Motion:
 
 
 def motion_of(trajectory: Trajectory, half_width_s: float | None = None, stamps: Stamps | None = None) -> Motion:
-    """Motion of a trajectory by cubics over +- half_width_s, or wider where even times found for stamps that jitter need it; by default
-    as `_chosen` finds, at most `HALF_WIDTH_S` or what the usual interval needs. None goes over a gap.
-    stamps: as judged already, else by the motion itself.
+    """Return the motion of a trajectory by cubics over +- half_width_s, or wider if even times for jittering stamps need it; by default
+    that of `_chosen`, at most `HALF_WIDTH_S` or the need of the usual interval. None goes over a gap. stamps: known judgement of the times,
+    else by the motion itself.
 
-    Where the orientation is not measured, nothing is said of rotations; where no uncertainty is stated, none is said. TrajectoryError when
-    no window is full.
+    Without measured orientations there are no rotations; without a stated uncertainty there is none. TrajectoryError if no window is full.
     """
     asked = half_width_s is not None
     half_width_s = HALF_WIDTH_S if half_width_s is None else half_width_s
@@ -196,8 +195,8 @@ def _speeds(time_s: FloatArray, poses: FloatArray) -> FloatArray:
 def _bias(
     time_s: FloatArray, poses: FloatArray, smooth: FloatArray, u: FloatArray, factors: FloatArray, parts: list[slice], half_width_s: float
 ) -> FloatArray:
-    """(n, 4, 6) standard uncertainty of smoothed poses (n, 7) and of their derivatives by what the window smooths away; at ends, where the
-    window has one side, as much larger as that of noise is."""
+    """Return the (n, 4, 6) standard uncertainty of smoothed poses (n, 7) and of their derivatives by smoothing; at ends, where the window
+    has one side, it is larger like that of noise."""
     out = np.zeros((len(time_s), TERMS, 6))
     usual = np.nanmedian(factors, axis=0)
     for p in parts:

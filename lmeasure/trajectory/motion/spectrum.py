@@ -83,7 +83,7 @@ def response(half_width_s: float, step_s: float, hz: FloatArray) -> np.ndarray:
 
 
 def smoothing_bias(left: FloatArray, u: FloatArray, step_s: float, half_width_s: float) -> FloatArray:
-    """(n, 4, c) standard uncertainty of local cubics and their derivatives by what they smooth away. left (n, c): residuals of samples at
+    """Return the (n, 4, c) standard uncertainty of local cubics and their derivatives by smoothing. left (n, c): residuals of samples at
     even steps step_s, whose noise is known to u (n, c)."""
     n, c = left.shape
     square = np.zeros((n, TERMS, c))

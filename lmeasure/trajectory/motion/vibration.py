@@ -2,22 +2,22 @@
 
 In a dwell a robot is seen at
 
-    p(t) = rest + sum over j of (a_j cos w_j t + b_j sin w_j t) + what is new at every sample,
+    p(t) = rest + sum over j of (a_j cos w_j t + b_j sin w_j t) + noise new at every sample,
 
-and two things follow from the swing, of a phase that is as likely as any other.
+and two effects follow from the swing, whose phase is random.
 
 The mean over the window misses the rest: by a variance of 1/2 (a a' + b b') |D(w)|^2 for each frequency, with D(w) the mean of exp(i w t)
-over the samples - at most 1 / (pi f T) of f T periods, all of it in a window much shorter than one. It is what the autocorrelation of the
-signal, a sum of cosines, says of the mean of so many samples. The autocorrelation of a dwell about its own mean sums to zero whatever the
-signal is, and cannot tell: hence the fit, with frequencies that all dwells of a pose share and amplitudes of each dwell's own.
+over the samples - at most 1 / (pi f T) of f T periods, all of it in a window much shorter than one. It follows from the autocorrelation of
+the signal, a sum of cosines, for the mean of so many samples. The autocorrelation of a dwell about its own mean sums to zero for any
+signal, and does not determine it: hence the fit, with frequencies that all dwells of a pose share and amplitudes of each dwell's own.
 
 Counts are rounded along the swing m(t) (counts of a cable) and not anew at every sample: a rounding error is a sawtooth of the length, and
 the mean of many of them keeps of the variance of one
 
     K = 6 / pi^2 sum over k of |G_k|^2 / k^2,    G_k = mean of exp(2 pi i k m) over the samples.
 
-Where nothing swings |G| is 1, and K as well; of a sinusoid of amplitude A counts G_k goes to the Bessel function J_0(2 pi k A), which falls
-with the root of A only: three hundredths at two counts. What is left about the swing is averaged over as many readings as there are.
+Without a swing |G| is 1, and K as well; for a sinusoid of amplitude A counts G_k approaches the Bessel function J_0(2 pi k A), which falls
+with the root of A only: three hundredths at two counts. The remainder about the swing is averaged over all readings.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ from lmeasure.trajectory.uncertainty.pose_errors import PoseErrors
 from lmeasure.trajectory.uncertainty.rounding import kept, per_count, scatter_counts
 
 LEVER = np.repeat([100.0, 1.0], 3)
-"""mm per radian and per mm: how far what turns moves a body's points, so that one frequency is looked for in all."""
+"""mm per radian and per mm: motion of a body's points by a turn, so that all components share one search for frequencies."""
 FEWEST_PERIODS, MOST_PERIODS, STEP = 0.5, 32.0, 0.25
 """Frequencies that are looked for, times the longest window: slower is a drift, faster hardly moves a mean."""
 FREQUENCIES = 3
@@ -48,8 +48,8 @@ WIGGLES = 3.0  # Standard uncertainties of a curve that it may move by in a dwel
 
 @dataclass(frozen=True)
 class Swing:
-    """A dwell of k samples: motion (k, 6) (rotation [rad]; position [mm]) that its frequencies make about its mean, left (6, 6) the
-    covariance of what is left about them, missed (6,) how far its mean lies from where it rests by the fit."""
+    """A dwell of k samples: motion (k, 6) (rotation [rad]; position [mm]) of its frequencies about its mean, left (6, 6) the covariance of
+    the remainder, missed (6,) the distance of its mean from the rest by the fit."""
 
     motion: FloatArray
     left: FloatArray
@@ -58,14 +58,14 @@ class Swing:
 
 @dataclass(frozen=True)
 class Vibration:
-    """The dwells of a pose: swings, one each; of_mean (6, 6): covariance of what the mean of a dwell misses the rest by; frequencies_hz."""
+    """The dwells of a pose: swings, one each; of_mean (6, 6): covariance of a dwell's mean about the rest; frequencies_hz."""
 
     swings: tuple[Swing, ...]
     of_mean: FloatArray
     frequencies_hz: tuple[float, ...] = ()
 
     def alike(self, groups: IntArray) -> float:
-        """Part of what means miss the rest by that dwells of one group (n,) have in common: all where they swing in the same phase."""
+        """Return the part of the means' errors that is common to dwells of one group (n,): all of it if they swing in the same phase."""
         missed = np.array([s.missed for s in self.swings]) * LEVER
         together = whole = 0.0
         for group in np.unique(groups):
@@ -77,7 +77,7 @@ class Vibration:
 
 
 def vibration(dwells: Sequence[tuple[FloatArray, FloatArray]]) -> Vibration:
-    """Return what swings in dwells of one pose: times (k,) [s] and displacements (k, 6) (rotation [rad]; position [mm]) from their mean."""
+    """Return the swings in dwells of one pose: times (k,) [s] and displacements (k, 6) (rotation [rad]; position [mm]) from their mean."""
     found = _frequencies([(t - t.mean(), x * LEVER) for t, x in dwells])
     swings, squares, missed = [], np.zeros((6, 6)), np.zeros((6, 6))
     for time_s, away in dwells:
@@ -157,8 +157,8 @@ def _fewer(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _explained(waves: ComplexArray, x: FloatArray) -> FloatArray:
-    """(F,) sum of squares that a constant, a cosine and a sine of each frequency, waves (F, k), explain of displacements (k, 6), beyond
-    what the constant does."""
+    """Return the (F,) sum of squares of displacements (k, 6) that a cosine and a sine of each frequency, waves (F, k), explain beyond a
+    constant."""
     k = len(x)
     one, two, product = waves.sum(axis=1), (waves**2).sum(axis=1), waves @ (x - x.mean(axis=0))
     cc, ss = 0.5 * (k + two.real) - one.real**2 / k, 0.5 * (k - two.real) - one.imag**2 / k
@@ -174,11 +174,11 @@ def _without(hz: Sequence[float], t: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def averaged(errors: PoseErrors, found: Vibration, readings: IntArray) -> FloatArray:
-    """(n, q) which part of the variance of one rounding the mean of each dwell has, of each of the q lengths; readings (n,) as many
-    different ones as there are. errors: of single samples.
+    """Return (n, q) the variance of the mean of each dwell over that of one rounding, for each of the q lengths; readings (n,) the number
+    of different ones. errors: of single samples.
 
-    A length that swings by less than a count shows all of one or nothing, by where within a count it rests. Where dwells swing, how far
-    each length does is therefore taken from what its counts vary by in all of them: 12 s^2 + 1 - K(s) for a swing of s counts, rms.
+    A length that swings by less than a count shows all of one or nothing, by its place within a count. So for swinging dwells the swing of
+    each length follows from the variation of its counts in all of them: 12 s^2 + 1 - K(s) for a swing of s counts, rms.
     """
     lengths = [per_count(own) for own in errors.own]
     covariance = np.array([s.left + s.motion.T @ s.motion / len(s.motion) for s in found.swings])
@@ -201,7 +201,7 @@ def _kept_swinging(found: Vibration, varies: FloatArray) -> FloatArray:
 
 
 def _shape(swing: Swing) -> FloatArray:
-    """(k,) what a swing is over time, of unit mean square: along the direction in which it is largest."""
+    """Return the (k,) time course of a swing, of unit mean square, along its largest direction."""
     x = swing.motion[:: -(-len(swing.motion) // MOST_SAMPLES)] * LEVER
     along = x @ np.linalg.svd(x, full_matrices=False)[2][0]
     return np.asarray(along / np.sqrt((along**2).mean()))
@@ -218,8 +218,8 @@ def _harmonics(shape: FloatArray) -> FloatArray:
 
 
 def with_rest(errors: PoseErrors, found: Vibration, groups: IntArray) -> PoseErrors:
-    """Errors of means of n dwells as places of rest, groups (n,): with what the window's mean misses it by. What dwells of a group have in
-    common of it is so besides: how much of it is new nobody knows."""
+    """Return errors of means of n dwells as positions of rest, groups (n,), with the error of the window's mean. The part common to dwells
+    of a group is added in full: how much of it is new is unknown."""
     if errors.joint:
         errors = errors.alone()
         if np.trace(found.of_mean) <= WIGGLES**2 * np.trace(errors.random.mean(axis=0)):

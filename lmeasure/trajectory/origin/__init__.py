@@ -1,1 +1,1 @@
-"""Find what a run's channels count from, where nobody stated its start."""
+"""Origins of a run's channels without a stated start."""

@@ -1,32 +1,32 @@
 """Origins of channels, determined by a run whose channels are redundant: start pose, phases of zeroing, zeros of encoders.
 
-A reading is f(pose) less an origin that all samples share, plus its own error. What is known of the origins before is a few variables of
-unit variance (`Budget.origins`): the start pose, if one was stated, else anything; where within a count each counter was zeroed; the zeros
-of encoders. Of a sample counts what no motion of the tool makes: with N a basis of that, A^T N = 0, and V the readings' own variances,
-P = N (N^T V N)^-1 N^T weighs residuals r. With the errors L of the readings by all shared variables, those of the origins (z) and all
-others (y: calibration, drums, ...), the least squares of the run have the normal equations
+A reading is f(pose) minus an origin that all samples share, plus its own error. The prior of the origins is a few variables of unit
+variance (`Budget.origins`): the start pose, if stated, else any; the sub-count offset of each counter at zeroing; the zeros of encoders. A
+sample's information is the part that no motion of the tool makes: with N a basis of that, A^T N = 0, and V the readings' own variances, P =
+N (N^T V N)^-1 N^T weighs residuals r. With the errors L of the readings by all shared variables, those of the origins (z) and all others
+(y: calibration, drums, ...), the least squares of the run have the normal equations
 
     (1 + sum L^T P L) (z, y) = sum L^T P r,    C = (1 + sum L^T P L)^-1.
 
-Only z is applied: y stays the calibration's business. So what is left over are errors of covariance C of z, 1 of y as before, and C between
-the two, since what z absorbs of y errs with it. (Such y are consider parameters: Schmidt 1966.) As least squares and parities of one sample
-do not correlate, what a pose errs by of its own stays independent of z.
+Only z is applied: y stays the calibration's business. The remaining errors have the covariance C of z, 1 of y as before, and C between the
+two, since z absorbs a part of y. (Such y are consider parameters: Schmidt 1966.) As least squares and parities of one sample do not
+correlate, the own error of a pose stays independent of z.
 
-The rounding of a count that stands still is one error, however often it is read: a reading that is repeated k times on end has k times its
-variance. Where a channel moves on from sample to sample that is nothing.
+The rounding of an unchanged count is one error, however often it is read: a reading repeated k times in a row has k times its variance. A
+channel that moves from sample to sample is not affected.
 
-A channel may come to read from another origin, as a counter does that jumped, or slipped little by little. The others tell the poses, and
-what they share with the channel in question: by them it errs by e at every sample, with a variance of its own (rounding) and one that
-neighbours have in common (calibration). A channel that slipped errs by one constant up to some sample and by another one from a later
-sample on: behind that it can be used again, from an origin that the run tells. When the one ended and the other began is determined by the
-likelihood of a ramp between the two, its extremes that are not much less likely than the best. One that hung comes back to the constant it
-had; one that still errs otherwise at the end of the run goes on from none.
+A channel may change its origin, as a counter that jumped or slipped little by little. The others determine the poses and so the error e of
+this channel at every sample, with a variance of its own (rounding) and a common one of neighbours (calibration). A channel that slipped has
+one constant error up to some sample and another one from a later sample on: behind that it can be used again, from an origin that the run
+determines. The likelihood of a ramp between the two determines the end of the one and the beginning of the other, by extremes that are not
+much less likely than the best. A cable that hung returns to its former constant; a channel with changing errors at the end of the run has
+no new origin.
 
-A channel may slip too little for any single sample to show it, while all of them together do. Suppose one channel j reads b too much behind
-a time t. By the weights P of the samples (`origins`) its score is s = sum (P (r - L y))_j over the samples behind t, with y what the run
-says of calibration, drums and the like: it is applied to no pose, and left in the readings it would pass for steps. What b has in common
-with all that the run shares, C, leaves it the information I = sum P_jj - g^T C g with g = sum (L^T P)_j. Then s^2/I is chi-squared of one
-degree of freedom where nothing slipped, whatever channel and time are asked about (Baarda's data snooping, 1968, with a step as the error).
+A channel may slip too little for any single sample to show it, while all of them together do. Let channel j read b too much behind a time
+t. By the weights P of the samples (`origins`) its score is s = sum (P (r - L y))_j over the samples behind t, with y the run's estimate for
+calibration, drums and the like: it is applied to no pose, but without it the readings would show steps. Correlation C of b with the run's
+common variables leaves the information I = sum P_jj - g^T C g with g = sum (L^T P)_j. Then s^2/I is chi-squared of one degree of freedom
+where nothing slipped, for any channel and time (Baarda's data snooping, 1968, with a step as the error).
 """
 
 from collections.abc import Callable, Iterable
@@ -120,7 +120,7 @@ def _mixed(C: FloatArray, o: int) -> FloatArray:
 
 
 def _first(reconstruction: Reconstruction, epochs: Epochs, columns: FloatArray, loose: IntArray) -> FloatArray:
-    """(o,) variables of the origins by which the loose channels agree with the poses that the others tell."""
+    """Return (o,) variables of the origins by which the loose channels agree with the poses of the others."""
     redundancy = reconstruction.redundancy
     assert redundancy is not None
     changes = epochs.change_mm.copy()
@@ -161,8 +161,8 @@ class OriginChange:
 
 
 def origin_change(reconstruction: Reconstruction, epochs: Epochs, j: int, since_s: float) -> OriginChange | None:
-    """Find the change of channel j, by a reconstruction without an estimate and the epochs of its run; since_s: up to when nothing speaks
-    against it. None where it does not go on from another origin."""
+    """Find the change of channel j, by a reconstruction without an estimate and the epochs of its run; since_s: time up to which nothing
+    contradicts it. None if it does not continue from another origin."""
     seen, e, own, common, lost = _errors(reconstruction, epochs, epochs.excluding([j]), j)
     if len(seen) < 2 * LEAST_CONSTANT:
         return None
@@ -203,9 +203,9 @@ def origin_change(reconstruction: Reconstruction, epochs: Epochs, j: int, since_
 def _errors(
     reconstruction: Reconstruction, epochs: Epochs, others: Epochs, j: int
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, bool]:
-    """Epochs (k,) at which the others tell by how much channel j errs, the error (k,) there, its standard uncertainties, its own (k,) and
-    that in common (k,), and whether the others lose the way somewhere, because they tell no pose: there it is taken by all channels, which
-    is near the place. others: the epochs by which the run is followed."""
+    """Return epochs (k,) at which the others determine the error of channel j, the error (k,) there, its standard uncertainties, its own
+    (k,) and the common one (k,), and whether the others determine no pose somewhere: there the nearby pose from all channels is used.
+    others: the epochs by which the run is followed."""
     estimate = estimate_origins(reconstruction, others)
     reconstruction = reconstruction.with_estimate(estimate)
     redundancy = reconstruction.redundancy
@@ -296,7 +296,7 @@ def _lasts(e: FloatArray, own: FloatArray, common: FloatArray) -> int:
 
 
 def _constant(e: FloatArray, own: FloatArray, common: FloatArray) -> bool:
-    """Whether errors (n,) are one, neither single ones nor the mean of the last few differing from it."""
+    """Return whether errors (n,) are one constant: neither single ones nor the mean of the last few differ from it."""
     mean = _mean(e, own, common)[0]
     single: bool = bool((np.abs(e - mean) <= BEYOND * np.hypot(own, common)).all())
     few = slice(max(0, len(e) - FEW), None)
@@ -311,7 +311,7 @@ def _mean(e: FloatArray, own: FloatArray, common: FloatArray) -> tuple[float, fl
 
 
 SLIPPED = 40.0
-"""Chi-squared from which a step is none of rounding: once in 3e9 for one channel and time, of which a run has some ten thousand."""
+"""Chi-squared from which a step is not rounding: once in 3e9 for one channel and time, of some ten thousand in a run."""
 CLEARER = 16.0  # Chi-squared by which no other channel may explain as much, at any time: four standard uncertainties
 LEAST_INFORMATION = 1e-3  # Of the information without what the run shares: what is left of less is rounding
 
@@ -330,7 +330,7 @@ class Slip:
 
 
 def slip(reconstruction: Reconstruction, epochs: Epochs) -> Slip | None:
-    """Find the most significant step of a run, epochs being those by which its origins were estimated; None where none is."""
+    """Find the most significant step of a run, epochs being those of the estimate of its origins; None without one."""
     redundancy, budget, estimate = reconstruction.redundancy, reconstruction.budget, reconstruction.budget.estimate
     assert redundancy is not None
     assert estimate is not None
@@ -386,8 +386,8 @@ Pieces = Callable[[Doubts], Iterable[Lengths]]  # The lengths of a run, one piec
 
 
 def settle_origins(reconstruction: Reconstruction, pieces: Pieces) -> tuple[Reconstruction, Epochs]:
-    """Return the reconstruction of a run with redundant channels after its origins are estimated, slips found and restored channels judged,
-    and the epochs by which they were."""
+    """Return the reconstruction of a run with redundant channels after estimating its origins, searching slips and judging restored
+    channels, and the epochs used."""
     rig = reconstruction.model.rig
     reconstruction = _changed_origins(_restored(reconstruction.with_estimate(None)), pieces)
     for _ in range(SLIPS):
@@ -428,7 +428,7 @@ def settle_origins(reconstruction: Reconstruction, pieces: Pieces) -> tuple[Reco
 
 
 def _estimated(reconstruction: Reconstruction, pieces: Pieces) -> tuple[Reconstruction, Epochs]:
-    """Estimate the origins of a run, and add the shifts of channels that go on from others to its doubts."""
+    """Estimate the origins of a run, and add the shifts of channels with a changed origin to its doubts."""
     while True:
         reconstruction, doubts = reconstruction.with_estimate(None), reconstruction.doubts
         epochs = collect_epochs(reconstruction, pieces(doubts))[0]
@@ -445,12 +445,12 @@ def _estimated(reconstruction: Reconstruction, pieces: Pieces) -> tuple[Reconstr
 
 
 def _shift(rig: Rig, channel: int, after_s: float, until_s: float = np.inf, *, by: float) -> Shift:
-    """Return what is taken off a channel's counts behind a time, of a length or an angle by which it reads too much."""
+    """Return the correction of a channel's counts behind a time, for a length or an angle by which it reads too much."""
     return Shift(channel, after_s, until_s, float(np.rint(by / rig.counter(rig.observed[channel]).per_count)))
 
 
 def _undetermined(reconstruction: Reconstruction) -> list[Doubt]:
-    """Doubt channels that go on from another origin which the run does not determine: they are not used behind it."""
+    """Doubt channels whose new origin the run does not determine: they are not used behind it."""
     out = []
     for cable, after_s, until_s, _, u in reconstruction.budget.restored_origins():
         covered = any(d.cable == cable and d.after_s <= after_s and d.until_s >= until_s for d in reconstruction.doubts.every)
@@ -461,12 +461,12 @@ def _undetermined(reconstruction: Reconstruction) -> list[Doubt]:
 
 
 def _is_undetermined(reconstruction: Reconstruction, channel: int, u: float) -> bool:
-    """Whether a standard uncertainty of a channel's new origin is hardly less than what was supposed of it."""
+    """Return whether a standard uncertainty of a channel's new origin is hardly less than its prior one."""
     return u > HARDLY * (UNKNOWN_MM if reconstruction.model.rig.observed[channel].is_length else ANYWHERE)
 
 
 def _except_contradictions(doubts: Doubts) -> Doubts:
-    """Return the doubts except those of samples whose channels contradict each other, nobody knows which."""
+    """Return the doubts except those of samples with contradicting channels whose fault is unknown."""
     every = tuple(d for d in doubts.every if not (d.cable == EVERY and d.said.code in IN_TIME))
     if len(every) == len(doubts.every):
         return doubts
@@ -474,14 +474,14 @@ def _except_contradictions(doubts: Doubts) -> Doubts:
 
 
 def _wrong(reconstruction: Reconstruction) -> list[int]:
-    """Return channels that contradict the others for a while, or lost their origins, other than those that go on from a restored one."""
+    """Return channels that contradict the others for a while, or lost their origins, except restored ones."""
     restored = {cable for cable, _, _ in reconstruction.budget.restored}
     return sorted({d.cable for d in reconstruction.doubts.every if d.cable != EVERY and d.status in DOUBTED} - restored)
 
 
 def _restored(reconstruction: Reconstruction) -> Reconstruction:
-    """Restore channels that stepped and count on: with more channels than unknowns the others determine from where. One that stands, or
-    hangs, shows no length at all."""
+    """Restore channels that stepped and count on: with redundant channels the others determine the new origin. A stuck or hanging one shows
+    no length at all."""
     budget, doubts = reconstruction.budget, reconstruction.doubts
     lost = [d for d in doubts.every if d.said.code == STEPPED and d.cable != EVERY and not budget.absolute[d.cable]]
     # a channel that errs again and again is not one that slipped
@@ -512,7 +512,7 @@ def _sized(code: str, o: Observed, by: float, u: float, **of: Any) -> Message:
 
 
 def _changed_origins(reconstruction: Reconstruction, pieces: Pieces) -> Reconstruction:
-    """Restore drums that contradicted the others and go on from another origin; in doubt stays the time within which they came to it."""
+    """Restore drums that contradicted the others and continue from another origin; the time of the change stays in doubt."""
     rig, budget, doubts = reconstruction.model.rig, reconstruction.budget, reconstruction.doubts
     restored = {cable for cable, _, _ in budget.restored}
     wrong = {d.cable for d in doubts.every if d.status in DOUBTED and d.cable != EVERY and not budget.absolute[d.cable]}
@@ -556,12 +556,12 @@ def _since(doubts: Doubts, cable: int, name: str, from_s: float) -> Doubts:
 
 
 def _meanwhile(doubts: Doubts, cable: int, from_s: float, after_s: float, cause: Message) -> Doubts:
-    """Return the doubts and one of the time within which a channel slipped, nobody knows when exactly."""
+    """Return the doubts and one for the time within which a channel slipped, at an unknown instant."""
     return doubts.with_more(Doubt(cable, from_s, after_s, Status.INCONSISTENT, cause)) if after_s > from_s else doubts
 
 
 def _with_slip(doubts: Doubts, slipped: Slip, rig: Rig) -> Doubts:
-    """Return the doubts and what a slip adds: its channel is not used behind it, or no sample where others explain the readings as well."""
+    """Return the doubts with those of a slip: its channel is not used behind it, or no sample if others explain the readings as well."""
     observed, when = rig.observed, {"begin": message("time.at", s=slipped.from_s), "end": message("time.end")}
     if slipped.others:
         cable = EVERY

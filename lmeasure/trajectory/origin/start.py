@@ -1,14 +1,14 @@
-"""Where a run begins whose start nobody stated: the poses that its absolute channels allow.
+"""Start of a run without a stated one: the poses that its absolute channels allow.
 
-Six or more angles of absolute encoders at one sample tell the pose but for a few assemblies; all are looked for from many places and
-orientations. Fewer tell it with the changes of the other channels over a motion, as they do where six stand nearly singular. Which of them
-it was the motion tells: with each the origins of the other channels are found (`origins`), and one with which the run contradicts itself
-was not it. What is left over are assemblies that the data cannot tell apart.
+Six or more angles of absolute encoders at one sample determine the pose up to a few assembly modes; all are searched from many positions
+and orientations. Fewer determine it with the changes of the other channels over a motion, as they do if six are nearly singular. The motion
+selects the right one: with each the origins of the other channels are found (`origins`), and wrong ones contradict the run. The data cannot
+distinguish the remaining ones.
 
-Let n channels read absolute values, and m channels count from where they were zeroed. One sample has n equations for the six unknowns of
-its pose. A pose of that sample gives the offsets of the m others. Each further sample then has n + m equations for six unknowns, so it adds
-n + m - 6 equations. One absolute angle and six drums, or four angles and four drums, determine the start if the tool moves far enough. Six
-channels or fewer never do. Least squares over samples spread over the run find the start, from many poses that fit the first readings.
+Let n channels read absolute values, and m channels count from their zeroing. One sample has n equations for the six unknowns of its pose. A
+pose of that sample gives the offsets of the m others. Each further sample then has n + m equations for six unknowns, so it adds n + m - 6
+equations. One absolute angle and six drums, or four angles and four drums, determine the start if the tool moves far enough. Six channels
+or fewer never do. Least squares over samples spread over the run find the start, from many poses that fit the first readings.
 """
 
 from collections.abc import Callable
@@ -57,14 +57,14 @@ class Begun:
 
     @property
     def sound(self) -> bool:
-        """Whether the run does not contradict it."""
+        """Return whether the run does not contradict it."""
         return self.chi_squared <= SOUND * self.freedom
 
 
 @dataclass(frozen=True)
 class Motion:
     """Samples of a run: rows (m, columns) of its channels, their changes (n, m) [mm, rad], standard uncertainties u (m,) of readings,
-    absolute (m,) readings among them, and zeros (m, k): what one standard deviation of each uncertain zero makes of the readings."""
+    absolute (m,) readings among them, and zeros (m, k): effects on the readings of one standard deviation of each uncertain zero."""
 
     rows: FloatArray
     changes: FloatArray
@@ -78,7 +78,7 @@ class Motion:
         return max(int(np.isfinite(self.changes).sum()) - 6 * len(self.changes) - int((~self.absolute).sum()), 1)
 
     def at(self, index: NDArray[np.intp]) -> "Motion":
-        """Some samples of it, and what is read at the first of them."""
+        """Return some of its samples, and the readings at the first of them."""
         changes = self.changes[index]
         used = np.isfinite(changes[0])
         rows, changes = np.ascontiguousarray(self.rows[used]), np.ascontiguousarray(changes[:, used])
@@ -147,8 +147,8 @@ def starts(motion: Motion, near: FloatArray, zeros: FloatArray) -> list[Begun]:
 
 
 def fitting(rows: FloatArray, readings: FloatArray, zeros: FloatArray, seed: int = 0) -> tuple[FloatArray, FloatArray]:
-    """(k, 7) poses, drawn anywhere and moved no farther than they must, at which angles with rows (n, columns) read readings (n,) less what
-    drawn zeros make of them, zeros (n, q) by one standard deviation, and (k, q) these."""
+    """Return (k, 7) poses, drawn anywhere and moved no farther than needed, at which angles with rows (n, columns) have readings (n,) minus
+    the effects of drawn zeros, zeros (n, q) by one standard deviation, and (k, q) these."""
     rng, size = np.random.default_rng(seed), kernels.platform_size(rows)
     middle, wide = rows[:, kernels.BASE_XYZ].mean(axis=0), float(np.linalg.norm(np.ptp(rows[:, kernels.BASE_XYZ], axis=0)))
     wide = max(wide, 2.0 * float(np.linalg.norm(rows[:, kernels.ATTACHMENT_XYZ], axis=1).max()), 1000.0)
@@ -220,7 +220,7 @@ MET = 3  # Times that each assembly must have been met for others to be taken fo
 BATCHES = 6
 ALIKE_MM, ALIKE_RAD = 1.0, 1e-3  # Two solutions of one pose, at most, within the rounding of the angles
 WORSE = 40.0
-"""By how much more chi-squared a run is contradicted that began otherwise, times that of a degree of freedom where the model is off."""
+"""Increase of chi-squared that rules out another beginning, times that of a degree of freedom for an imperfect model."""
 LISTED = 8
 TOLD_MM = 10.0  # Standard uncertainty, in its worst direction, of a start that `SAMPLES` samples tell; all of a run tell it better
 NOTHING_MM = 1000.0
@@ -298,8 +298,8 @@ def _alike(a: FloatArray, b: FloatArray) -> bool:
 
 
 def find_start(rig: Rig, lengths: Lengths, source: str, begin: Begin) -> Reconstruction:
-    """The reconstruction of a run that begins nobody knows where, lengths being those of its beginning at least, its origins found.
-    TrajectoryError where too few channels are absolute, no pose fits them, or several do that the run does not tell apart: all listed."""
+    """Return the reconstruction of a run with an unknown start, its origins found; lengths are at least those of its beginning.
+    TrajectoryError if too few channels are absolute, no pose fits them, or the run does not distinguish several: all are listed."""
     i = first_sample(rig, lengths, source)
     rows, zero_u = rig.cable_rows(rig.observed), absolute_channels(rig)
     used = np.isfinite(zero_u) & np.isfinite(lengths.change_mm[i])
@@ -383,7 +383,7 @@ def zeros_by_motion(motion: Motion, start: FloatArray, u_start: FloatArray) -> F
 
 
 def _over_motion(motion: Motion, time_s: float, source: str) -> list[Begun]:
-    """Where the run may be at the first sample of a motion, which is at a time, by all of its readings."""
+    """Return possible poses at the first sample of a motion, which is at a time, by all of its readings."""
     changes, usable = motion.changes, motion.absolute
     used = usable & np.isfinite(changes[0])
     anywhere, zeros = fitting(motion.rows[used], changes[0, used], motion.zeros[used])
@@ -423,8 +423,8 @@ def _over_motion(motion: Motion, time_s: float, source: str) -> list[Begun]:
 
 
 def _contradictions(candidates: list[Reconstruction]) -> tuple[FloatArray, int]:
-    """Return (k,) chi-squared by which a run contradicts beginnings, as of equally many readings, and its degrees of freedom: all zero
-    where nothing is redundant. What cannot be followed from a beginning contradicts it by every sample that is lost."""
+    """Return (k,) chi-squared by which a run contradicts beginnings, scaled to equally many readings, and its degrees of freedom: all zero
+    without redundancy. Samples lost from a beginning count as contradictions."""
     estimates = [candidate.budget.estimate for candidate in candidates]
     followed = np.array([0 if e is None else int(np.isfinite(e.poses[:, 0]).sum()) for e in estimates])
     most = max((e.freedom for e in estimates if e is not None), default=0)
@@ -445,7 +445,7 @@ def _likely(candidates: list[Reconstruction]) -> list[Reconstruction]:
 
 
 def _same(a: OriginEstimate | None, b: OriginEstimate | None) -> bool:
-    """Whether the poses of two ways through a run are the same, where both have one."""
+    """Return whether the poses of two ways through a run are the same, where both have one."""
     if a is None or b is None:
         return False
     both = np.flatnonzero(np.isfinite(a.poses[:, 0]) & np.isfinite(b.poses[:, 0]))

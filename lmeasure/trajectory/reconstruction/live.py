@@ -1,7 +1,7 @@
 """The pose while the run is being recorded: one sample in, one pose out, in microseconds.
 
-What redundant channels tell of their origins, and absolute ones of a start that nobody stated, is determined by the run so far: it is
-learned whenever the run has become twice as long, by what `reconstruct` does with the samples that there are, and followed from there on.
+The run so far determines origins by redundant channels, and an unstated start by absolute ones. They are found again whenever the run has
+become twice as long, by `reconstruct` of the present samples, and used from there on.
 """
 
 import math
@@ -64,15 +64,14 @@ class SixCables:
         self._state, self._counters = kernels.new_state(self._start), np.zeros((len(self._rows), kernels.STATE))
 
     def step(self, time_s: float, recorded: FloatArray) -> tuple[int, FloatArray, float]:
-        """As `Way` has it."""
         pose = np.empty(7)
         status, angle = kernels.step(self._rows, self._start, self._state, self._counters, self._channels, time_s, recorded, self._u, pose)
         return status, pose, angle
 
 
 class AnyChannels:
-    """Channels of any kind and number, by a reconstruction that is not used for anything else from here on, less what is in doubt at the
-    end of what is known of the run: its beginning, time_s (n,) and recorded counts (n, m)."""
+    """Channels of any kind and number, by a reconstruction used for nothing else from here on, without those in doubt at the end of the
+    known run: its beginning, time_s (n,) and recorded counts (n, m)."""
 
     def __init__(self, reconstruction: Reconstruction, time_s: FloatArray | None = None, recorded: FloatArray | None = None) -> None:
         self.reconstruction, doubts = reconstruction, reconstruction.doubts
@@ -103,7 +102,7 @@ class AnyChannels:
             self._beginning(doubts, time_s, recorded)
 
     def _beginning(self, doubts: Doubts, time_s: FloatArray, recorded: FloatArray) -> None:
-        """Go through what is known of the run."""
+        """Follow the known run."""
         changes, flags = kernels.changes_of(self._rows, self._channels, self._counters, time_s, np.ascontiguousarray(recorded))
         counts = shifted(doubts.shifts, time_s, kernels.counts_from_changes(self._rows, changes))
         for s in doubts.shifts:
@@ -119,7 +118,7 @@ class AnyChannels:
         self.last = int(status[-1]), poses[-1], float(angle[-1])
 
     def step(self, time_s: float, recorded: FloatArray) -> tuple[int, FloatArray, float]:
-        """As `Way` has it; a sample whose channels contradict each other is `INCONSISTENT`."""
+        """Follow a sample; one with contradicting channels is `INCONSISTENT`."""
         pose, change = np.empty(7), np.empty(len(self._rows))
         run = self._rows, self._start, self._zero, self._state, self._counters, self._channels, self._offsets
         status, angle, chi = kernels.step_of(*run, time_s, recorded, self._u, self._free, pose, change)
@@ -133,7 +132,7 @@ class AnyChannels:
         return status, pose, angle
 
     def _contradicts(self, time_s: float, pose: FloatArray, change: FloatArray, chi: float) -> bool:
-        """Whether a sample does so with everything that its readings share in their covariance; chi: by the counts alone."""
+        """Return whether a sample does so with common errors of its readings in their covariance; chi: by the counts alone."""
         redundancy, limit = self.reconstruction.redundancy, self._limit[int(np.isfinite(change).sum())]
         if not chi > limit:
             return False
@@ -168,16 +167,14 @@ class LiveSample:
 
 
 class LivePose:
-    """A run in one pass that is followed sample by sample.
-
-    Of six cables, or of six channels with a start, the poses are those of `reconstruct`. With more, or without a start (7,), those of a
-    sample at which the run is learned are what `reconstruct` gives of the run up to it; later ones use what was reported then. aside:
-    learn in a thread, and follow meanwhile by what is known. unstated: as that of `Run`, for start and temperature. Where a drum states no
-    counter_bits its counter is taken as one that does not wrap. Raises what `Reconstruction` raises, and TrajectoryError when the rig has
-    more than one pass, effects that are left out here, or no start and too few absolute channels. Everything is compiled before the
+    """A run in one pass that is followed sample by sample. Of six cables, or of six channels with a start, the poses are those of
+    `reconstruct`. With more, or without a start (7,), at a sample of learning they are those of `reconstruct` for the run up to it; later
+    ones use its results. aside: learn in a thread, and meanwhile follow with the known ones. unstated: as in `Run`, for start and
+    temperature. A drum without counter_bits is taken not to wrap. Raises the errors of `Reconstruction`, and TrajectoryError if the rig has
+    more than one pass, effects that are unavailable here, or no start and too few absolute channels. Everything is compiled before the
     constructor returns.
 
-    why: what keeps the start unknown, as long as it is. learns: whether it goes on learning.
+    why: the reason for an unknown start. learns: whether it continues to learn.
     """
 
     def __init__(
@@ -228,7 +225,7 @@ class LivePose:
             way.step(1.0, np.full(len(self.channels), np.nan))
 
     def _first_way(self) -> Way | None:
-        """By the start that was stated."""
+        """Return the way from the stated start."""
         if self._start is None:
             return None
         errors, exact = StartErrors.of((None, None), self._unstated), self._unstated == "exact"
@@ -263,8 +260,9 @@ class LivePose:
         return self._sample(*found)
 
     def covariance(self, pose: FloatArray) -> FloatArray | None:
-        """(6, 6) covariance (rotation [rad]; tool origin [mm], base axes) of a pose (7,) of the run, slow as it may be: as `reconstruct`
-        states it, but for what only the run's course tells (its speed, play of drums, temperature). None while no pose is known."""
+        """Return the (6, 6) covariance (rotation [rad]; tool origin [mm], base axes) of a pose (7,) of the run, slowly: that of
+        `reconstruct` without the parts that depend on the run's course (its speed, play of drums, temperature). None while no pose is
+        known."""
         if self._way is None:
             return None
         of = self._way.reconstruction
@@ -288,7 +286,7 @@ class LivePose:
         self._n += 1
 
     def _learn(self) -> None:
-        """From the run so far, here or in a thread."""
+        """Learn from the run so far, here or in a thread."""
         self._next = 2 * self._n
         time_s, recorded = self._time_s[: self._n].copy(), self._recorded[: self._n].copy()
         if self._aside:
@@ -301,7 +299,7 @@ class LivePose:
         self._found = *self._told_by(time_s, recorded), len(time_s)
 
     def _told_by(self, time_s: FloatArray, recorded: FloatArray) -> tuple[AnyChannels | None, str]:
-        """The way behind a beginning of the run that it tells, or why it tells none."""
+        """Return the way behind a beginning of the run that it determines, or the reason for none."""
         counts = Counts(time_s, self.channels, recorded, source="the run so far")
         try:
             reconstruction = prepare(align(Run(self._rig, self._start, (counts,), self._calibration, unstated=self._unstated)))
@@ -310,7 +308,7 @@ class LivePose:
         return AnyChannels(reconstruction, time_s, recorded), ""
 
     def _adopt(self, way: AnyChannels | None, why: str, learned: int, *, upto: int) -> None:
-        """What was learned, and the samples that came meanwhile, so many in all."""
+        """Use the learned way, and the samples that came meanwhile, so many in all."""
         self._found, self._thread, self._learned = None, None, learned
         if way is None:
             self.why = why if self._way is None else ""
@@ -328,7 +326,7 @@ class LivePose:
 
 
 def enough_absolute(rig: Rig) -> bool:
-    """Whether a rig's absolute channels are as many as tell a start, at once or, where some channel is to spare, over a motion."""
+    """Return whether a rig has enough absolute channels to determine a start, at once or, with redundant channels, over a motion."""
     absolute = int(np.isfinite(absolute_channels(rig)).sum())
     return absolute >= len(FREEDOMS) or (absolute > 0 and len(rig.observed) > len(FREEDOMS))
 
@@ -349,11 +347,11 @@ class PoseWatch:
 
     @property
     def why(self) -> str:
-        """Return what keeps the start unknown, as long as it is."""
+        """Return the reason for an unknown start."""
         return self._live.why
 
     def refresh(self) -> None:
-        """Have the latest pose by what was learned since it came."""
+        """Compute the latest pose again with later results."""
         self.latest = self._live.caught_up() or self.latest
 
     def __call__(self, samples: Samples) -> None:
@@ -385,7 +383,8 @@ class PoseWatch:
         return self._covariance
 
     def latency_s(self, origin_s: float | None) -> float | None:
-        """From the last sample's own time to its pose, origin_s being when the first one was; None where no one clock tells both."""
+        """Return the time from the last sample's own time to its pose, origin_s being that of the first one; None if no one clock measures
+        both."""
         if origin_s is None or self.latest is None:
             return None
         latency = float(self._finished - origin_s - self._time_s)

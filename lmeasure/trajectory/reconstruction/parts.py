@@ -1,8 +1,8 @@
 """A long run over the workers of a cluster: each part by itself, with the bits of the whole.
 
-A part depends on the run before it by three things alone: the state of the counters, the pose, and which way the cables travelled. This
-process goes through the run once for what the whole of it shows (rests, steps, origins) and once for those, which is about half of the
-work. Workers do the rest, part by part, as soon as a beginning is known; none of them holds more than a few pieces.
+A part depends on the run before it in three ways only: the state of the counters, the pose, and the cables' direction of travel. This
+process goes through the run once for results of the whole (rests, steps, origins) and once for those, which is about half of the work.
+Workers do the rest, part by part, as soon as a beginning is known; none of them holds more than a few pieces.
 """
 
 import pickle
@@ -57,7 +57,7 @@ def reconstruct_in_parts(
 ) -> Summary:
     """Reconstruct a run for which `can_stream` holds into the files part-00000.parquet, ... of a folder that all workers reach.
 
-    Rows and bits are those of `reconstruct_stream`; pieces: in each part. Raises what that raises, and LMeasureError for the scheduler.
+    Rows and bits are those of `reconstruct_stream`; pieces: in each part. Raises its errors, and LMeasureError for the scheduler.
     """
     if head.counts[0].suffix.lower() != ".parquet":
         raise TrajectoryError(message("error.parts_need_parquet", where=head.counts[0]))
@@ -92,7 +92,7 @@ def _beginnings(
 
 
 def work_on_part(packed: bytes) -> Summary:
-    """Reconstruct a part, write its file, whole or not at all, and return what is to be said of it."""
+    """Reconstruct a part, write its file, whole or not at all, and return its summary."""
     part: Part = pickle.loads(packed)
     run, reconstruction, summary = part.run, part.reconstruction, Summary(part.first)
     covers = covered(reconstruction.budget.covers, run.evidence)

@@ -1,7 +1,7 @@
 """Model of a run: the scheme of its cables, physical effects, its start, clocks and temperature, as one frozen value.
 
-The scheme states what a rig's cables measure, and what of the tool's motion a constraint holds. The correction removes temperature, stretch
-and sag: the changes that a rig without them would have shown, and what they leave uncertain.
+The scheme states the freedoms that a rig's cables measure, and those that a constraint fixes. The correction removes temperature, stretch
+and sag: it gives the changes of a rig without them, and their uncertainty.
 """
 
 from collections.abc import Callable
@@ -28,9 +28,9 @@ CABLES_FOR_A_POINT = 3
 
 @dataclass(frozen=True)
 class Scheme:
-    """What is solved for. rows (m, columns) of the kernels, of all channels (`Rig.observed`); free: the components of the twist that can
+    """Solved freedoms. rows (m, columns) of the kernels, of all channels (`Rig.observed`); free: the components of the twist that can
     change; point: the one attachment point whose position is measured when orientation is not, else None; held: the freedoms that a
-    constraint keeps."""
+    constraint fixes."""
 
     rows: FloatArray
     free: tuple[str, ...]
@@ -56,8 +56,8 @@ class Scheme:
 
 
 def scheme_of(rig: Rig, start: FloatArray, constraint: str | None = None) -> Scheme:
-    """The scheme of a rig; a constraint given here replaces the rig's. start (7,) says which freedoms too few cables leave unmeasured.
-    RigError when the cables cannot tell the pose: too few, naming the freedoms, or to attachment points on one line."""
+    """Return the scheme of a rig; a constraint given here replaces the rig's. start (7,) decides the freedoms that too few cables leave
+    unmeasured. RigError if the cables cannot determine the pose: too few, naming the freedoms, or to attachment points on one line."""
     held = constraint or rig.constraint
     rows, used = rig.cable_rows(rig.observed), sorted({c.to_point for c in rig.observed if c.to_point})
     m = len(rows)
@@ -114,7 +114,7 @@ class Correction:
 
     @property
     def notes(self) -> tuple[Message, ...]:
-        """Return a note where the rig states thermal effects and nobody the temperature."""
+        """Return a note if the rig states thermal effects without a known temperature."""
         if self._effects.thermal and self._temperature_c is None:
             return (message("temperature.not_stated", reference_c=self._effects.reference_c),)
         return ()
@@ -166,7 +166,7 @@ class Correction:
         return higher - self._effects.excess(rows, zero, poses, counts, temperature_c=warm)
 
     def _situation(self, counts: FloatArray, temperature_c: FloatArray | None) -> tuple[Zero, FloatArray]:
-        """Where the run starts, and the temperatures (n, m) of its samples."""
+        """Return the run's start, and the temperatures (n, m) of its samples."""
         start = self._effects.reference_c if self._temperature_c is None else self._temperature_c
         known = np.nan if temperature_c is None else temperature_c
         warm = np.where(np.isfinite(known), known, np.full(counts.shape, start))
@@ -177,10 +177,10 @@ class Correction:
 class RunModel:
     """Model of a run before its counts are read.
 
-    start (7,): pose at which the counters were zeroed, or at which the run was found to begin; begun (m,): changes of the channels at such
-    a found pose, else None. constraint replaces the rig's. u_start, assumed_start: as `StartErrors` has them; exact: whether a temperature
-    that nobody states is exact; clocks: those of each pass's time against pass 1's; repeatability_mm: standard deviation, per axis, of the
-    robot between passes; temperature_c: as stated for the start, measured_c: as the counts state it there, each None where it is not known.
+    start (7,): pose at which the counters were zeroed, or the found beginning of the run; begun (m,): changes of the channels at such a
+    found pose, else None. constraint replaces the rig's. u_start, assumed_start: as in `StartErrors`; exact: whether an unstated
+    temperature is exact; clocks: those of each pass's time against pass 1's; repeatability_mm: standard deviation, per axis, of the robot
+    between passes; temperature_c: as stated for the start, measured_c: that of the counts there, each None if unknown.
     """
 
     rig: Rig
@@ -230,14 +230,14 @@ class RunModel:
 
     @property
     def reference_c(self) -> float | None:
-        """Return the temperature at which the rig has its dimensions; None where its calibration does not say."""
+        """Return the temperature at which the rig has its dimensions; None if its calibration does not state it."""
         if self.calibration is not None:
             return self.calibration.temperature_c
         return REFERENCE_C if self.rig.reference_temperature_c is None else self.rig.reference_temperature_c
 
     @cached_property
     def temperatures_assumed(self) -> tuple[str, ...]:
-        """Return which typical sizes the cables' temperature and expansion have, as nobody states them."""
+        """Return the typical sizes of the cables' temperature and expansion, if unstated."""
         if self.temperature_stated_c is None:
             return () if self.exact else ("temperature_c",)
         if self.rig.unstated == "exact":

@@ -1,4 +1,4 @@
-"""A run as a whole: its model and what it determines of itself, its trajectory in one piece or from file to file, its covariances.
+"""A run as a whole: its model and its own results for it, its trajectory in one piece or from file to file, its covariances.
 
 A log of ten hours goes from file to file a few pieces at a time, in bounded memory.
 """
@@ -65,7 +65,7 @@ class LengthSource(Protocol):
 
     @property
     def evidence(self) -> Evidence:
-        """Return what its rests and the continuity of its counts show of the counters."""
+        """Return the evidence of its rests and of the continuity of its counts on the counters."""
 
     @property
     def name(self) -> str:
@@ -79,10 +79,10 @@ class LengthSource(Protocol):
 
 
 def prepare(source: LengthSource, constraint: str | None = None, repeatability_mm: float = 0.0, *, compares: bool = True) -> Reconstruction:
-    """Return the reconstruction of a run, ready for its trajectory: with its start, its origins as its redundancy determines them, and the
-    counts that are in doubt. compares: whether the channels are compared with each other, sample by sample.
+    """Return the reconstruction of a run, ready for its trajectory: with its start, its origins from redundancy, and the doubtful counts.
+    compares: whether the channels are compared with each other, sample by sample.
 
-    Raises what `reconstruction_of` and `find_start` raise.
+    Raises the errors of `reconstruction_of` and `find_start`.
     """
     run, doubts = source.run, source.evidence.doubts
     rig = run.rig
@@ -146,13 +146,12 @@ def reconstruct(
     covariances: bool = True,
     judge: Judge | None = None,
 ) -> Trajectory:
-    """The trajectory of a run, its cables counted in one pass or several; a constraint replaces the rig's.
+    """Reconstruct the trajectory of a run, its cables counted in one pass or several; a constraint replaces the rig's.
 
-    repeatability_mm: standard deviation, per axis, of the place to which the robot brings the tool in repeated passes. trials: of Monte
-    Carlo instead of the linear law for the uncertainties, 0 for none; see `monte_carlo.by_monte_carlo`. covariances: False leaves those
-    of a single pass at zero, for a reader who works them out only where he needs them: who aligns the run (`passes.align`) and gives
-    both of them that has its lengths worked out once. judge: what more is to be said of the run, once it is prepared.
-    Raises what `Reconstruction` and `passes.align` raise.
+    repeatability_mm: standard deviation, per axis, of the tool's position in repeated passes. trials: of Monte Carlo instead of the linear
+    law for the uncertainties, 0 for none; see `monte_carlo.by_monte_carlo`. covariances: False leaves those of a single pass at zero, to
+    compute them only where needed: pass an aligned run (`passes.align`) to both, so that its lengths are computed once. judge: further
+    report on the prepared run. Raises the errors of `Reconstruction` and `passes.align`.
     """
     aligned = align(run)
     reconstruction = prepare(aligned, constraint, repeatability_mm)
@@ -170,8 +169,8 @@ def reconstruct(
 
 
 def can_stream(head: RunHead) -> bool:
-    """Whether the run can go through in pieces: one pass, a recording that was closed properly, channels that were read together, no limit
-    that asks for later samples."""
+    """Return whether the run can be processed in pieces: one pass, a recording that was closed properly, channels that were read together,
+    no limit that needs later samples."""
     if head.rig.passes == 1:
         first = next(read_counts_in_pieces(head.counts[0]))
         if first.stamp_s is not None and first.frames is None:
@@ -190,10 +189,10 @@ def reconstruct_stream(
     each: Each | None = None,
     judge: Judge | None = None,
 ) -> Summary:
-    """Reconstruct a run for which `can_stream` holds and write its trajectory as `trajectory_writer` does.
+    """Reconstruct a run for which `can_stream` holds and write its trajectory by `trajectory_writer`.
 
-    The result is that of `reconstruct`, whose judge is this; progress is called with (done, of), each piece is given to `each` and then
-    let go. Raises what `Reconstruction` raises, and FileFormatError for counts that cannot be read.
+    The result is that of `reconstruct`, with its judge; progress is called with (done, of), and each piece with `each`. Raises the errors
+    of `Reconstruction`, and FileFormatError for unreadable counts.
     """
     run = StreamedRun.of(head)
     reconstruction = prepare(run, constraint)
@@ -243,7 +242,7 @@ class StreamedRun:
 
     @cached_property
     def evidence(self) -> Evidence:
-        """Return what the whole run shows of its counters: a step may show only at the end of the file."""
+        """Return the evidence of the whole run on its counts: a step may show only at the end of the file."""
         finder = EvidenceFinder(self.run.rig, self.run.recorded)
         for _, lengths in self.recorded_pieces(Doubts()):
             finder.add(lengths)
@@ -269,7 +268,7 @@ class StreamedRun:
 
 
 def _counters(head: RunHead, rig: Rig) -> tuple[FloatArray, list[Message]]:
-    """(m, `COUNTER_STATE`) counters at the beginning of the file, with what the whole of it tells of their rates where that is asked."""
+    """Return (m, `COUNTER_STATE`) counters at the beginning of the file, with rates from the whole of it where needed."""
     fresh, asked, believed = np.zeros((len(rig.observed), COUNTER_STATE)), {}, {}
     for j, c in enumerate(rig.observed):
         counter = rig.counter(c)
@@ -310,8 +309,8 @@ def _with_widths(head: RunHead) -> tuple[Rig, list[Message]]:
 def with_evidence(
     reconstruction: Reconstruction, trajectory: Trajectory, lengths: Lengths, source: LengthSource, *, covariances: bool
 ) -> Trajectory:
-    """Return a piece of a run's trajectory with what the run shows of its own counts: notes, causes of `ok` samples that depend on counts
-    that are suspected, and what does not close in the systematic covariances."""
+    """Return a piece of a run's trajectory with the evidence on its own counts: notes, causes of `ok` samples with suspected counts, and
+    closure errors in the systematic covariances."""
     evidence, budget, scheme = source.evidence, reconstruction.budget, reconstruction.model.scheme
     unseen = () if evidence.unseen is None else (evidence.unseen,)
     counters = (*notes_of(source.run.recorded), *reconstruction.doubts.notes, *evidence.notes, *unseen)
@@ -343,7 +342,7 @@ def with_evidence(
 
 
 def _phase_notes(reconstruction: Reconstruction) -> list[Message]:
-    """Return what is assumed of the angles at which eccentric drums and pulleys stood when the run began."""
+    """Return the assumptions on the angles of eccentric drums and pulleys at the start of the run."""
     rig, record = reconstruction.model.rig, reconstruction.model.calibration
     solved = set() if record is None else {name.partition(".")[0] for name in record.names if name.rpartition(".")[2] in PHASED}
     unsolved = reconstruction.budget.unsolved.variables
@@ -393,7 +392,7 @@ def _redundancy_note(scheme: Scheme) -> Message:
 
 
 def covered(covers: str, evidence: Evidence) -> str:
-    """Return what the standard uncertainties include, in words, with what does not close."""
+    """Return the sources in the standard uncertainties, in words, with closure errors."""
     covers = message("trajectory.does_not_close_counts", sources=covers) if evidence.closure_mm.any() else covers
     return message("trajectory.late_channels", sources=covers) if evidence.late_s.any() else covers
 
@@ -469,7 +468,7 @@ def covariances(
 
 
 def _closure_factors(budget: Budget, evidence: Evidence, at: Situation, unused: BoolArray) -> FloatArray:
-    """Return (n, 6, K) factors of poses for what does not close in the run's counts, and for channels that are late."""
+    """Return (n, 6, K) factors of poses for closure errors of the run's counts, and for late channels."""
     G = budget.twists(np.ascontiguousarray(at.poses), at.counts, unused, compiled=True)
     lengths = np.concatenate([evidence.closure_lengths(at.time_s), evidence.late_lengths(at.speed_mm_s)], axis=2)
     return np.asarray(G[:, :, : lengths.shape[1]] @ lengths)

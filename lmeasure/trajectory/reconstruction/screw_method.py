@@ -39,8 +39,8 @@ Followed = tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]
 
 
 def follow_together(cables: FloatArray, start: FloatArray, state: FloatArray, changes: FloatArray, *, flags: IntArray) -> Followed | None:
-    """What `kernels.screw.resume` gives for these samples, or None where that is not plain; the state is moved on only with a result.
-    cables (6, columns), start (7,), state (`kernels.screw.STATE`,), changes (n, 6) [mm], flags (n,)."""
+    """Return the result of `kernels.screw.resume` for these samples, or None if it is ambiguous; only a result changes the state. cables
+    (6, columns), start (7,), state (`kernels.screw.STATE`,), changes (n, 6) [mm], flags (n,)."""
     index = np.flatnonzero(flags == Status.OK)
     if state[-1] != 0.0 or not len(index):
         return None
@@ -129,7 +129,7 @@ def split_at(cables: FloatArray, pose: FloatArray, free: IntArray, u: FloatArray
 
 
 def explain(split: Split, changes: FloatArray) -> list[Message]:
-    """For each of n samples with changes (n, m) [mm] since the pose of the split: what is lost there, and what is determined."""
+    """Return for each of n samples with changes (n, m) [mm] since the pose of the split the lost and the determined part."""
     twists, u = split.determined(changes)
     size = {"mm": float(np.linalg.norm(u[3:])), "deg": float(np.degrees(np.linalg.norm(u[:3])))}
     lost = message("cause.lost", screw=split.lost.said)
@@ -186,8 +186,8 @@ NOT_MEASURED = message("cause.orientation")
 
 @dataclass
 class Place:
-    """Progress of following a run: state (8 + m,) as the kernels have it, which way its cables travelled last (m, 2), and whether by
-    the compiled kernels. What comes next depends on nothing else."""
+    """Progress of following a run: state (8 + m,) of the kernels, last direction of its cables (m, 2), and whether by the compiled kernels.
+    The rest depends on nothing else."""
 
     state: FloatArray
     travelled: FloatArray
@@ -200,11 +200,11 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """A run's model with what is known of the run so far: what its redundancy determined of origins, and which counts are in doubt.
+    """A run's model with the results so far: origins from redundancy, and doubtful counts.
 
-    state (8 + m,): where the run is at its start, as the kernels have it; compiled: whether NumPy did not find the start. notes: of the
-    model. samples: some of the run, evenly over it, before its channels were compared; None where none is redundant. reliability: of the
-    run, in lines (`trajectory.faults.redundancy`).
+    state (8 + m,): the kernels' state at its start; compiled: whether NumPy did not find the start. notes: of the model. samples: some of
+    the run, evenly over it, before its channels were compared; None without redundancy. reliability: of the run, in lines
+    (`trajectory.faults.redundancy`).
     """
 
     model: RunModel
@@ -238,7 +238,7 @@ class Reconstruction:
     def follow(self, piece: Lengths, place: Place) -> tuple[Lengths, tuple[Any, ...], bool, FloatArray | None]:
         """Follow a run over its next piece, and move the place on.
 
-        Return the lengths as they are used, what the kernels found, whether they were the compiled ones, and how the cables travelled.
+        Return the used lengths, the kernels' results, whether they were the compiled ones, and the cables' travel.
         """
         lengths = self.corrected(piece, place.state)
         found, compiled = self._next(place.state, lengths.change_mm, lengths.flags, by_kernels=place.by_kernels)
@@ -328,7 +328,8 @@ class Reconstruction:
     def _remarks(
         self, lengths: Lengths, status: IntArray, left_out: BoolArray, cause: TextArray, cable: TextArray
     ) -> tuple[TextArray, TextArray]:
-        """Causes and cables of samples that are good without some of the cables, left_out (n, m), and what a scheme does not measure."""
+        """Return causes and cables of good samples without some of the cables, left_out (n, m), and freedoms that a scheme does not
+        measure."""
         ok = status == Status.OK
         cause, cable = cause.copy(), np.where(ok, "", cable)
         cause[ok] = NOT_MEASURED if self.model.scheme.point else ""
@@ -347,7 +348,8 @@ class Reconstruction:
     def _explained(
         self, cause: TextArray, status: IntArray, poses: FloatArray, angle: FloatArray, changes: FloatArray, begun: FloatArray
     ) -> TextArray:
-        """The causes with what is lost at singular samples and nearly lost at known ones; begun is the state before these samples."""
+        """Return the causes with the part lost at singular samples and nearly lost at known ones; begun is the state before these
+        samples."""
         singular = status == Status.SINGULAR
         near = (status == Status.OK) & (angle > np.radians(NEARLY))
         if not (singular.any() or near.any()):
@@ -444,7 +446,7 @@ def _changes_at(model: RunModel, start: FloatArray) -> FloatArray:
 
 
 def zero_readings(model: RunModel, rows: FloatArray, start: FloatArray) -> FloatArray:
-    """Return (m,) what channels, rows (m, columns), read where their change is 0."""
+    """Return (m,) readings of channels, rows (m, columns), at the zero of their changes."""
     begun = 0.0 if model.begun is None else model.begun
     return np.where(model.absolute, 0.0, span_rows(rows, start[None])[0][0] - begun)
 
@@ -474,10 +476,10 @@ def by_monte_carlo(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Trajectory:
-    """The trajectory with covariances from as many trials, each kind of error by itself. Random: every count is anywhere within half a unit
-    of what was recorded, and off by whatever else its length is uncertain by at that sample (`Lengths.u_mm`). Systematic: the rig's
-    parameters, the start pose and whatever else acts on the lengths are drawn from their own laws, once per trial for the whole run. Poses
-    that a trial does not find are left out. TrajectoryError for fewer than 2 trials."""
+    """Return the trajectory with covariances from as many trials, each kind of error by itself. Random: every count is anywhere within half
+    a unit of the recorded one, plus the length's other uncertainty at that sample (`Lengths.u_mm`). Systematic: the rig's parameters, the
+    start pose and other influences on the lengths are drawn from their own laws, once per trial for the whole run. Poses that a trial does
+    not find are omitted. TrajectoryError for fewer than 2 trials."""
     if trials < 2:
         raise TrajectoryError(message("error.monte_carlo_trials_tell", trials=trials))
     generator = np.random.default_rng(seed)
@@ -536,8 +538,8 @@ def by_monte_carlo(
 def _drawn_by_estimate(
     budget: Budget, estimate: OriginEstimate, situation: Situation, generator: "np.random.Generator"
 ) -> tuple[FloatArray, FloatArray]:
-    """A draw of all that a run shares which determined of its origins: errors of the rig's parameters (13 m,), and of the readings (n, m)
-    by whatever else there is. What an origin took up of a parameter errs with it."""
+    """Return a draw of a run's common errors after it determined its origins: errors of the rig's parameters (13 m,), and other errors of
+    the readings (n, m). Origins contain a part of the parameters' errors."""
     own = [standard(generator, (len(s.names),), s.uniform and s not in budget.origins) for s in budget.every]
     root = budget.by_parameter.root
     drawn, r = estimate.mix @ np.concatenate(own), root.shape[1]

@@ -1,4 +1,4 @@
-"""Repeated passes of one motion: brought to one clock, checked to be the same motion, and what their differences add to the uncertainty."""
+"""Repeated passes of one motion: brought to one clock, checked to be the same motion, with the uncertainty from their differences."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -27,10 +27,10 @@ ALIKE = 0.3  # correlation of two speed profiles: of one motion seen by differen
 
 @dataclass(frozen=True)
 class Alignment:
-    """A run whose later passes are on the clock of pass 1, with what each pass's time is uncertain by against it.
+    """A run whose later passes are on the clock of pass 1, with the uncertainty of each pass's time.
 
-    Where stamps jitter the run has the times at which the motion shows its samples to have been taken; stamp_s (n,) are pass 1's as they
-    were recorded, which its trajectory keeps.
+    For stamps with jitter the run has the samples' true times by the motion; stamp_s (n,) are pass 1's recorded ones, which its trajectory
+    keeps.
     """
 
     run: Run
@@ -62,7 +62,7 @@ class Alignment:
 
     @cached_property
     def evidence(self) -> Evidence:
-        """Return what it tells of its counters."""
+        """Return the evidence on its counters."""
         finder = EvidenceFinder(self.run.rig, self.run.recorded)
         lengths = self._all_lengths
         for first in range(0, max(len(lengths.time_s), 1), PIECE_ROWS):  # which a processor keeps at hand
@@ -75,11 +75,11 @@ class Alignment:
 
 
 def align(run: Run | Alignment) -> Alignment:
-    """Bring later passes to the clock of pass 1 by their rising sync edges: a shift by one edge, shift and rate by several. What is aligned
-    stays as it is, its lengths with it.
+    """Bring later passes to the clock of pass 1 by their rising sync edges: a shift by one edge, shift and rate by several. An aligned run
+    stays the same, with its lengths.
 
-    Stamps that jitter are judged in each pass by its own cables (`stamps`), or a later pass would be interpolated at wrong instants: what
-    is left of their errors is one of its lengths.
+    Stamps that jitter are judged in each pass by its own cables (`stamps`), or a later pass would be interpolated at wrong instants: the
+    rest of their errors is one of its lengths.
 
     TrajectoryError when passes are not the same motion: other edges, clocks that differ by more than CLOCKS, another beginning or end,
     another profile of speed.
@@ -134,7 +134,7 @@ def _said(number: int, stamps: Stamps) -> Message:
 
 
 def _uncertain(edges: FloatArray, u_s: float, both: tuple[Stamps, Stamps]) -> PassClock:
-    """What the time of a pass is uncertain by, of both passes' stamps and pass 1's edges, by which they were brought together to u_s."""
+    """Return the uncertainty of a pass's time, from both passes' stamps and pass 1's edges, which align them to u_s."""
     if len(edges) > 1:
         return PassClock(u_s)  # which tell the rate too
     u_rate = float(np.hypot(both[0].u_rate, both[1].u_rate))
@@ -156,9 +156,9 @@ def _period(counts: Counts) -> float:
 
 
 def _clock(first: FloatArray, later: FloatArray, period: float, later_period: float, u_stamp_s: float) -> tuple[float, float, float]:
-    """(shift, rate, standard uncertainty [s]) of t_first = shift + rate t_later; u_stamp_s: of an edge's two stamps. An edge is known to
-    within a sampling period. Only what scatters of that is averaged by further edges: pulses that keep step with the sampling are all late
-    by the same."""
+    """Return (shift, rate, standard uncertainty [s]) of t_first = shift + rate t_later; u_stamp_s: of an edge's two stamps. An edge is
+    known to within a sampling period. Further edges average only its scatter: pulses that keep step with the sampling are all late by the
+    same."""
     quantum = np.hypot(period, later_period) / np.sqrt(12.0)
     if len(first) == 0:
         return 0.0, 1.0, 0.0

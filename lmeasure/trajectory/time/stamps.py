@@ -1,19 +1,19 @@
-"""Time stamps that jitter: when samples were taken in truth, and how uncertain that is.
+"""Time stamps with jitter: the true times of samples, and their uncertainty.
 
-Gaps, after which the stamps stay behind, part a record into stretches, and no fit goes over one. Nothing else is looked for where stamps
-come evenly, or so nearly that a sample's place does not feel it. Else two explanations are compared with the motion: a tool moves smoothly
-in time, so that places against the right instants leave nothing but their own noise about local cubics, while wrong instants leave the
-speed times the error of the time. Either the samples were taken evenly and the host stamped them as it got round to it (`clock`): then the
-even times are taken, and the stamps say how long a period is. Or they were taken when the host asked: then its stamps stay, and the noise
-that the motion shows about them is theirs. So they do where even times would be off the stamps by more than those scatter.
+Gaps, after which the stamps stay behind, divide a record into stretches, and no fit goes over one. Nothing else is examined if stamps are
+even, or so nearly that positions do not change. Else two explanations are compared with the motion: a tool moves smoothly in time, so that
+positions at the right instants have only their own noise about local cubics, while wrong instants leave the speed times the error of the
+time. Either the samples were taken evenly and the host stamped them later (`clock`): then even times are used, with the period from the
+stamps. Or the host requested them: then its stamps stay, and the noise of the motion about them is theirs. They also stay if even times
+would differ from the stamps by more than their scatter.
 
 The motion shows whether neighbouring samples are even, within a few samples; only stamps show whether the period is the same a second
 later. Intervals of stamps that err each on its own add up to a random walk, which grows with the square root of time, and is the host's if
-neighbouring samples are even: then even times are taken. What grows faster, or what the device's own errors may add up to, is no such walk.
+neighbouring samples are even: then even times are used. Faster growth, or a sum of the device's own errors, is no such walk.
 
-A host stamps a sample late by what it was busy with: never early, several at once behind a pause. What a device took evenly therefore
-lies on a line of stamp against number, and the scatter about it is the stamps' own. A sample that was lost leaves a hole of whole
-periods, which no later stamp makes up for; while the tool moves, its step there is as many times those beside it.
+A busy host stamps a sample late: never early, several at once behind a pause. Even samples of a device therefore lie on a line of stamp
+against number, and the scatter about it is the stamps' own. A lost sample leaves a hole of whole periods, which no later stamp closes;
+while the tool moves, its step there is as many times those beside it.
 """
 
 from collections.abc import Callable
@@ -32,10 +32,10 @@ LAG = 50  # Samples over which a first period is taken
 BESIDE = 7  # Steps of the tool that one is held against
 CLEAR = 10.0  # Standard uncertainties of a place that a step must have to tell by how many periods it went
 LEVEL, AT_REST = 25, 40
-"""Samples on either side of a hole by which the stamps confirm it where the motion shows it, and find it where the tool rests."""
+"""Samples on either side of a hole by which the stamps confirm a hole in the motion, and find one while the tool rests."""
 SURE, LIKELY, WHOLE = 0.6, 0.2, 0.25
-"""Of a period: by how much stamps must stay behind for a hole, by how much where the motion shows it too, which must then be as near to
-whole ones."""
+"""Part of a period by which stamps must stay behind for a hole, by which if the motion shows it too, and its largest difference from whole
+periods then."""
 PAUSE_S = 1.0  # Behind a longer one the device may have started anew: its phase is not that of before
 AROUND = 50  # Samples on either side of an interval by which it is a gap
 GAP = 2.5  # Usual intervals: a longer one, after which the stamps stay behind, is a gap of the record
@@ -58,8 +58,8 @@ NORMAL_95 = 1.959963984540054
 
 @dataclass(frozen=True)
 class Clock:
-    """Even times time_s (n,) [s] of samples, on the stamps' mean; period_s; u_rate: relative standard uncertainty of the period;
-    level_s: standard deviation by which the levels of blocks of stamps, each of `block` samples, lie off."""
+    """Even times time_s (n,) [s] of samples, on the stamps' mean; period_s; u_rate: relative standard uncertainty of the period; level_s:
+    standard deviation of the levels of blocks of stamps, each of `block` samples."""
 
     time_s: FloatArray
     period_s: float
@@ -70,8 +70,8 @@ class Clock:
 
 @dataclass(frozen=True)
 class Numbers:
-    """Numbers (n,) of evenly taken samples, from 0, with holes where some were lost; the stretches (n,) between pauses, in which alone the
-    numbers tell times; known (n,): where the number of what was lost is sure."""
+    """Numbers (n,) of evenly taken samples, from 0, with holes for lost ones; the stretches (n,) between pauses, within which alone the
+    numbers determine times; known (n,): True if the number of lost samples is sure."""
 
     number: IntArray
     stretch: IntArray
@@ -151,8 +151,8 @@ def _summed(steps: NDArray[Any]) -> IntArray:
 
 
 def _reconciled(stamps_s: FloatArray, steps: IntArray, clear: BoolArray, pause: BoolArray) -> BoolArray:
-    """Return, of samples (n,), those on stretches where the tool moves; the steps (n - 1,) between such stretches are brought to what all
-    stamps on either side say, which is more than those of a short rest do. All samples where the tool hardly moves."""
+    """Return, of samples (n,), those on stretches where the tool moves; the steps (n - 1,) between such stretches are set by all stamps on
+    either side, which are more than those of a short rest. All samples if the tool hardly moves."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], clear, [False]]).astype(np.int64))).reshape(-1, 2)
     moves = [slice(a, b + 1) for a, b in edges.tolist() if b - a >= LEAST_OF_BLOCK]
     known = np.zeros(len(stamps_s), np.bool_)
@@ -215,10 +215,10 @@ def _count_holes(stamps_s: FloatArray, steps: IntArray, period: float, known: Bo
 
 
 def clock(stamps_s: FloatArray, found: Numbers) -> Clock | None:
-    """The even clock through stamps (n,) of numbered samples; None where they are too few, or do not keep it. A line through what stands
-    for blocks of stamps - the least, the middle or the mean, whichever scatters least: the least knows nothing of what kept a host busy,
-    the mean most of errors to both sides. The line's uncertainty comes from the blocks' own scatter, or where they wander from how the rate
-    differs from block to block."""
+    """The even clock through stamps (n,) of numbered samples; None with too few, or if they do not keep it. It is a line through the least,
+    the middle or the mean of blocks of stamps, whichever scatters least: delays of a busy host do not affect the least, errors to both
+    sides average in the mean. The line's uncertainty comes from the blocks' own scatter, or for wandering blocks from the variation of the
+    rate between blocks."""
     stamps, number, stretch = stamps_s[found.known], found.number[found.known], found.stretch[found.known]
     blocks = _blocks(stretch)
     of = np.array([stretch[b.start] for b in blocks])
@@ -268,8 +268,8 @@ def clock(stamps_s: FloatArray, found: Numbers) -> Clock | None:
 
 
 def _levels(late_s: FloatArray, stretch: IntArray, beside_s: float = 0.0) -> tuple[float, bool]:
-    """Return the standard deviation [s] by which blocks of samples lie off an even clock, late_s (n,) by their stamps; and whether some lie
-    farther off than their halves differ, beside_s and latencies: a hole that was not counted, another rate, a clock that drifts."""
+    """Return the standard deviation [s] of blocks of samples about an even clock, late_s (n,) by their stamps; and whether some deviate
+    more than the difference of their halves, beside_s and latencies: an uncounted hole, another rate, or a drifting clock."""
     blocks = _blocks(stretch)
     levels = np.array([_least(late_s[b]) for b in blocks])
     halves = [slice(b.start, (b.start + b.stop) // 2) for b in blocks], [slice((b.start + b.stop) // 2, b.stop) for b in blocks]
@@ -302,8 +302,8 @@ def random_walk(late_s: FloatArray, number: IntArray, stretch: IntArray) -> floa
 
 def unexplained_walk(stamps_s: FloatArray, found: Numbers, u_s: float) -> tuple[float, int]:
     """Return the standard deviation [s] of one interval of a random walk by which the rates of blocks of numbered samples differ, beside
-    errors u_s of single stamps; and the number of samples of the longest part whose numbers are sure. Second differences of the levels of
-    blocks of m samples have a variance of m w^2 by a walk, and of 6 u^2 / m by single stamps."""
+    errors u_s of single stamps; and the number of samples of the longest part with sure numbers. Second differences of the levels of blocks
+    of m samples have a variance of m w^2 by a walk, and of 6 u^2 / m by single stamps."""
     parts = np.flatnonzero(np.diff(np.concatenate([[False], found.known, [False]]).astype(np.int64))).reshape(-1, 2)
     size, second = _size(int(found.known.sum())), [np.zeros(0)]
     for begin, end in parts.tolist():
@@ -330,7 +330,7 @@ def _size(n: int) -> int:
 
 
 def _blocks(stretch: IntArray) -> list[slice]:
-    """Pieces of about equal size of samples in stretches (n,), none over two of them and none too small to stand for itself."""
+    """Return pieces of about equal size of samples in stretches (n,), none across two of them and none too small to be used alone."""
     size = _size(len(stretch))
     out = []
     for start, end in pairwise([0, *(np.flatnonzero(np.diff(stretch)) + 1).tolist(), len(stretch)]):
@@ -346,8 +346,8 @@ SIGNIFICANT = 3.0  # Standard deviations of chance beyond which stamps are found
 WINDOW, TERMS = 9, 4  # Samples of a window, and coefficients of its cubic
 WINDOWS, LEAST_WINDOWS = 4000, 8
 MOVING, OF_FASTEST = 2.0, 0.1
-"""Standard uncertainties of a place by which the stamps' scatter must move it where the motion is to tell anything, and part of the
-largest speed that it must have."""
+"""Standard uncertainties of a position by which the stamps' scatter must move it for the motion to decide, and the part of the largest
+speed that it must have."""
 OF_ONE_STEP = 0.5  # Of a window's chord: a longer step is a jump, by which a motion tells nothing of time
 HOSTS, OF_DEVICE = 3.0, 2.0
 """Standard uncertainties of a block's stamps that their errors explain, and those of all instants of a device, were its errors to add up:
@@ -369,13 +369,12 @@ class Timed(Protocol):
 
 @dataclass(frozen=True)
 class Stamps:
-    """When samples were taken.
+    """Times of samples.
 
     stamp_s (n,): as recorded; time_s (n,): the same unless `kind` is "even". u_time_s: standard uncertainty of each, independent from
     sample to sample; u_rate: relative one of all intervals together. kind: "sound", "even" (taken evenly, stamped late) or "uneven" (taken
-    when asked, stamps in error by u_time_s). note: what is to be said of jitter, None of sound ones. stretch (n,): number of the stretch
-    between gaps that a sample is in, None where nobody looked; gap: what is to be said of these. read (n,): whether an instant of a curve
-    is that of a sample; None where all are.
+    on request, stamps in error by u_time_s). note: remark on jitter, None for sound ones. stretch (n,): index of a sample's stretch between
+    gaps, None if not examined; gap: remark on these. read (n,): whether an instant of a curve is that of a sample; None if all are.
     """
 
     stamp_s: FloatArray
@@ -415,8 +414,8 @@ def jitter(stamp_s: FloatArray) -> tuple[float, float]:
 
 
 def judge_stamps(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray) -> Stamps:
-    """Stamps (n,) of places (n, c) [mm], NaN where there is none, that are each known to u_mm (n,) per axis; where nothing is stated (zero
-    or NaN) what the places scatter by across the motion."""
+    """Judge stamps (n,) of positions (n, c) [mm], NaN for missing ones, each known to u_mm (n,) per axis; without a statement (zero or NaN)
+    to their scatter across the motion."""
     known = np.flatnonzero(~np.isnan(places).any(axis=1))
     if len(known) < 2 or not (np.diff(stamp_s) > 0).all():
         return sound(stamp_s)
@@ -482,8 +481,8 @@ def _jittered(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray, begins:
 
 
 def _of_device(even: Clock, u_even: float, u_stamp: float) -> bool:
-    """Whether the device may have strayed as far as stamps lie off its even clock: farther than their own errors explain, and no farther
-    than its errors u_even of single instants add up to."""
+    """Return whether the device may have strayed as far as stamps differ from its even clock: farther than their own errors explain, and no
+    farther than the sum of its errors u_even of single instants."""
     return HOSTS * u_stamp / np.sqrt(even.block) < even.level_s < OF_DEVICE * u_even * np.sqrt(len(even.time_s))
 
 

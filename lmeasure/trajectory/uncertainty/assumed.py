@@ -1,7 +1,7 @@
-"""Part of a position's U95 that comes from typical sizes that are assumed because nobody stated them, and which statements would help most.
+"""Part of a position's U95 from assumed typical sizes, and the statements that would help most.
 
-An error of the poses is F z with independent z of unit variance. The part of a group of variables is its own columns (or, where a run
-determined some of z, its share of the mixed columns). A group whose size becomes r times the assumed one leaves F - (1 - r) F_group.
+An error of the poses is F z with independent z of unit variance. The part of a group of variables is its own columns (or its share of the
+mixed columns, if a run determined some of z). A group whose size becomes r times the assumed one leaves F - (1 - r) F_group.
 """
 
 from dataclasses import dataclass

@@ -1,12 +1,12 @@
-"""Where the uncertainty of a pose comes from, sample by sample: what is drawn anew at every sample, and what a whole run shares.
+"""Sources of a pose's uncertainty, sample by sample: errors new at every sample, and common errors of a whole run.
 
 A pose errs by delta = G dl, G the inverse of its rows. Random are the lengths' own errors, independent from sample to sample. Systematic
-are a few errors that every sample of the run has in common - of the calibration, of where within a count the counters were zeroed, of the
-start pose, of a pass's clock and place - so each is a variable z_k of unit variance, normal or uniform, and the pose errs by
-sum_k factor_k z_k, with factors of its own at every sample and the same z: from the factors the errors of differences, means and lines
-follow, which covariances of single samples do not tell (JCGM 102, 6.2; GTC). What the sources are: `trajectory.uncertainty.sources`.
+are a few errors common to all samples of the run: of the calibration, of the sub-count offset at zeroing, of the start pose, of a pass's
+clock and position. Each is a variable z_k of unit variance, normal or uniform, and the pose errs by sum_k factor_k z_k, with factors of its
+own at every sample and the same z: from the factors the errors of differences, means and lines follow, which do not follow from covariances
+of single samples (JCGM 102, 6.2; GTC). For the sources see `trajectory.uncertainty.sources`.
 
-A variable is stated, calibrated or assumed: of a typical size because nobody stated it. `Source.assumed` says which.
+A variable is stated, calibrated or assumed: of a typical size without a statement. `Source.assumed` names it.
 """
 
 from copy import copy
@@ -67,10 +67,10 @@ class PoseCovariances(Shown):
     uniform: tuple[bool, ...] = ()
     """Whether each systematic error is uniform instead of normal, K; empty: all normal."""
     assumed: tuple[str, ...] = ()
-    """Key of the typical size that each systematic error is, K, empty of what is stated or calibrated; empty: none is assumed."""
+    """Key of the typical size of each systematic error, K, empty for stated or calibrated ones; empty: none is assumed."""
 
     def about(self) -> dict[str, str]:
-        """Return how many poses, how large the errors are at most, and what poses share."""
+        """Return the number of poses, their largest errors, and common errors."""
         random, shared = (np.sqrt(np.einsum("nii->ni", c)) for c in (self.random, self.systematic))
         largest = {name: np.nanmax(u[:, 3:], initial=0.0) for name, u in (("random u", random), ("shared u", shared))}
         sources = {source: self.sources.count(source) for source in self.sources}
@@ -81,14 +81,14 @@ class PoseCovariances(Shown):
         }
 
     def to_frame(self) -> DataFrame:
-        """Standard uncertainties of each pose, base axes: of what is its own, and of what all share."""
+        """Return standard uncertainties of each pose, base axes: its own, and common ones."""
         names = ("rx_rad", "ry_rad", "rz_rad", "x_mm", "y_mm", "z_mm")
         parts = (("u", self.random), ("u_systematic", self.systematic))
         return framed({f"{part}_{name}": np.sqrt(c[:, i, i]) for part, c in parts for i, name in enumerate(names)})
 
     @property
     def random(self) -> FloatArray:
-        """(n, 6, 6) covariance of what is independent from sample to sample."""
+        """Return the (n, 6, 6) covariance of the part that is independent between samples."""
         return np.asarray(self.own @ np.swapaxes(self.own, 1, 2))
 
     @property
@@ -98,9 +98,9 @@ class PoseCovariances(Shown):
 
 
 class ParameterErrors:
-    """Errors of a rig's channels by independent variables of unit variance: solved of them by the linked calibration, dimensions more by
-    what the rig states to be uncertain. cancels: whether what acts where counting began too cancels, as it does not where the start came
-    from lengths."""
+    """Errors of a rig's channels by independent variables of unit variance: solved from the linked calibration, dimensions also from the
+    rig's stated uncertainties. cancels: whether errors that also act at the start of counting cancel, unless the start came from
+    lengths."""
 
     def __init__(self, model: RunModel, *, cancels: bool) -> None:
         rig, scheme, calibration = model.rig, model.scheme, model.calibration
@@ -119,7 +119,7 @@ class ParameterErrors:
         acting = np.asarray(dimensions.any(axis=0))
         dimensions = dimensions[:, acting]
         self.assumed = ("",) * solved.shape[1] + tuple(key for key, acts in zip(assumed, acting.tolist(), strict=True) if acts)
-        """(r,) which typical size each variable is, empty of what is stated or calibrated."""
+        """(r,) typical size of each variable, empty for stated or calibrated ones."""
         self.solved, self.dimensions = solved.shape[1], dimensions.shape[1]
         every = np.column_stack([solved, dimensions])
         every = every.reshape(len(observed), sensors.width_of(wide=self._wide), every.shape[1])
@@ -163,7 +163,7 @@ class ParameterErrors:
 BY_CALIBRATION = "calibration"
 RESTORED = "restored origin"
 RESTORED_ORIGIN = "cause.restored"
-"""Of the cause of a sample that uses a channel whose origin was restored."""
+"""Cause of a sample with a channel whose origin was restored."""
 ORIGINS = "origins of the channels"
 PHYSICAL = "temperature, stretch and sag"
 DIMENSIONS = "dimensions as stated"
@@ -175,13 +175,13 @@ CHUNK = 2048  # poses whose factors are in memory at once
 class Budget:
     """The sources of error of one run.
 
-    What the run determined of its origins, and channels that go on from another one, make a new budget: `with_estimate`, `with_restored`.
+    Origins that the run determined, and channels with a changed one, make a new budget: `with_estimate`, `with_restored`.
     """
 
     estimate: OriginEstimate | None = None
     """Origins as the run determined them."""
     restored: tuple[tuple[int, float, float], ...] = ()
-    """Channels (index) that go on from another origin, behind a time and until one [s]."""
+    """Channels (index) with another origin behind a time and until one [s]."""
 
     def __init__(self, model: RunModel) -> None:
         rig, scheme, calibration, u_start, assumed_start = model.rig, model.scheme, model.calibration, model.u_start, model.assumed_start
@@ -247,11 +247,11 @@ class Budget:
         """The sources that act on the lengths as such, not by the rig or the start pose: Monte Carlo draws them so."""
         every = (*(source for source in moved if source.names), *self.by_length)
         self.origins = tuple(source for source in every if source in (moved[1], self._phase, start_columns, by_length[-1]))
-        """The sources of what the channels count from."""
+        """Sources of the origins of counting."""
         self.every = (*(source for source in every if source not in self.origins), *self.origins)
         """All sources of systematic error, the origins last."""
         self.supposed = np.zeros(len(self.origin_names))
-        """(o,) what the variables of the origins are taken for until a run has determined them."""
+        """(o,) values of the origins' variables before a run has determined them."""
         said = [text for source in self.every for text in source.said]
         said += [message("covers.of.assumed")] * any(map(any, (s.assumed for s in self.every)))
         self.covers = _covers(calibration is not None, said)
@@ -261,7 +261,7 @@ class Budget:
         return self._changed(estimate=estimate)
 
     def with_restored(self, cable: int, after_s: float, until_s: float = np.inf) -> "Budget":
-        """Return the budget of a run whose channel goes on from another origin behind a time, which the run is to determine anew."""
+        """Return the budget of a run whose channel continues from another origin behind a time, for the run to determine."""
         u = ANYWHERE if self.scheme.rows[cable, kernels.KIND] > kernels.CABLE else UNKNOWN_MM
         own = np.where(np.arange(len(self.scheme.rows)) == cable, u, 0.0)[:, None]
 
@@ -287,14 +287,14 @@ class Budget:
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Return what each variable of the systematic errors stands for, as `PoseCovariances.sources` has it."""
+        """Return the source of each variable of the systematic errors, as in `PoseCovariances.sources`."""
         mixed = () if self.estimate is None else self.origins
         names = (ORIGINS if source in mixed else name for source in self.every for name in source.names)
         return (*names, *(ZERO,) * second_order_variables(self._rough.shape[1]))
 
     @property
     def uniform(self) -> tuple[bool, ...]:
-        """Whether each variable of the systematic errors is uniform, or normal."""
+        """Return whether each variable of the systematic errors is uniform, or normal."""
         mixed = () if self.estimate is None else self.origins
         uniform = (source.uniform and source not in mixed for source in self.every for _ in source.names)
         return (*uniform, *(False,) * second_order_variables(self._rough.shape[1]))
@@ -313,8 +313,8 @@ class Budget:
 
     @property
     def length_variance(self) -> FloatArray:
-        """(m,) [mm^2, rad^2] of a single reading, zero phase and zero included where the run has not determined them: what readings are
-        weighed and distinguished by."""
+        """Return the (m,) variance [mm^2, rad^2] of a single reading, with the offset at zeroing and the zero if the run has not determined
+        them: readings are weighted and distinguished by it."""
         return self._before if self.estimate is None else self.variance
 
     @property
@@ -324,7 +324,7 @@ class Budget:
 
     @property
     def origin_names(self) -> tuple[str, ...]:
-        """(o,) what the variables of the origins stand for."""
+        """Return (o,) the sources of the origins' variables."""
         return tuple(name for source in self.origins for name in source.names)
 
     def origin_lengths(self, time_s: FloatArray) -> FloatArray:
@@ -334,24 +334,24 @@ class Budget:
         return self._lengths_of(nowhere, self.origins)
 
     def offsets(self, time_s: FloatArray) -> FloatArray:
-        """(n, m) by which readings at times (n,) are too large by what the run determined of its origins."""
+        """Return (n, m) corrections of readings at times (n,) from the origins that the run determined."""
         mean = self.supposed if self.estimate is None else self.estimate.mean
         return np.asarray(self.origin_lengths(time_s) @ mean) if mean.any() else np.zeros((1, len(self.scheme.rows)))
 
     def estimated_offsets(self, time_s: FloatArray) -> FloatArray:
-        """(n, m) by which readings at times (n,), less what was supposed, are too large by what the run determined of its origins."""
+        """Return (n, m) corrections of readings at times (n,), minus the supposed ones, from the origins that the run determined."""
         if self.estimate is None:
             return np.zeros((1, len(self.scheme.rows)))
         return np.asarray(self.origin_lengths(time_s) @ (self.estimate.mean - self.supposed))
 
     @property
     def calibrated(self) -> bool:
-        """Whether a calibration is linked."""
+        """Return whether a calibration is linked."""
         return self.model.calibration is not None
 
     @property
     def one_motion(self) -> bool:
-        """Whether several passes are taken for one motion, exactly repeated."""
+        """Return whether several passes count as one motion, exactly repeated."""
         return self.rig.passes > 1 and self._repeatability_mm == 0.0
 
     def of(
@@ -516,9 +516,9 @@ class Budget:
         return self._padded(-np.concatenate([shifts, played, np.broadcast_to(begun, (len(poses), *begun.shape))], axis=2))
 
     def _warm_lengths(self, at: Situation) -> FloatArray:
-        """(n, m, k) errors of the lengths by what nobody stated of temperature: that of the run, that of the calibration, how cables grow.
-        With a the expansion, T0 and T the temperatures at zeroing and now, Tc that at which a count has its length, a cable of paid-out
-        length D and free length L (D and what was out at zeroing) changes by a (T0 - Tc) D + a (T - T0) L."""
+        """Return (n, m, k) errors of the lengths by unstated temperatures: that of the run, that of the calibration, the expansion of
+        cables. With a the expansion, T0 and T the temperatures at zeroing and now, Tc that at which a count has its length, a cable of
+        paid-out length D and free length L (D plus that at zeroing) changes by a (T0 - Tc) D + a (T - T0) L."""
         poses, counts, warm = self._of_cables(at)
         rows, model = self.scheme.rows[: self._cables], self.model
         paid = np.stack([sensors.drum_of(row).paid_out(counts[:, j]) for j, row in enumerate(rows)], axis=1)
@@ -550,7 +550,7 @@ class Budget:
         return np.pad(lengths, ((0, 0), (0, len(self.scheme.rows) - self._cables), (0, 0)))
 
     def twists(self, poses: FloatArray, counts: FloatArray, unused: BoolArray | None, compiled: bool) -> FloatArray:
-        """(n, 6, m) what the poses move by per mm of each length."""
+        """Return (n, 6, m) motions of the poses per mm of each length."""
         if self.scheme.six:
             return np.asarray((kernels.pose_twists if compiled else twists_of_six)(self.scheme.rows, poses))
         weights = np.where(np.isnan(counts), 0.0, self.weights)
@@ -560,7 +560,7 @@ class Budget:
 
 
 def twists_of_six(cables: FloatArray, poses: FloatArray) -> FloatArray:
-    """Return what `kernels.pose_twists` returns, without compiling: (n, 6, 6), NaN where the pose is NaN."""
+    """Return the result of `kernels.pose_twists` without compiling: (n, 6, 6), NaN where the pose is NaN."""
     out = np.full((len(poses), 6, len(cables)), np.nan)
     known = ~np.isnan(poses[:, 0])
     out[known] = np.linalg.inv(sensors.span_rows(cables, poses[known])[1])
@@ -573,7 +573,7 @@ def _assumed_in(source: Source) -> tuple[str, ...]:
 
 
 def _covers(calibrated: bool, more: list[str]) -> str:
-    """Return what the standard uncertainties hold, in words."""
+    """Return the sources in the standard uncertainties, in words."""
     if not calibrated and set(more) <= {str(message("covers.of.phase"))}:
         return message("covers.resolution_phase" if more else "covers.resolution")
     parts = [message("covers.of.half_unit"), *more, *([message("covers.of.calibration")] if calibrated else [])]

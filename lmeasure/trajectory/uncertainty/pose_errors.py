@@ -49,11 +49,11 @@ class PoseErrors:
     """Errors (rotation [rad]; tool origin [mm]), base axes, R_true = Exp(delta) R, of n poses of one part of the program.
 
     The error is own u + local z + shared s: own (n, 6, q) with u (q,) new at every pose, local (n, 6, l) with z (l,) drawn once for each
-    place of this part, shared (n, 6, K) with s (K,) drawn once for the run. place (n,): numbers of the places, from 0. All variables are
-    independent and of unit variance; rounded: u and z are what rounding leaves, uniform, else they are normal. s is normal but where
-    uniform (K,) says otherwise. counted (K,): which of s are errors of the counters, drawn anew in every run, as u and z are, while the
-    others are those of the instrument. Both are False throughout by default. sources (K,): what each of s is, see `named`. joint: the
-    errors are those of a curve, and places are its clusters: ask for all instants of a part at once.
+    place of this part, shared (n, 6, K) with s (K,) drawn once for the run. place (n,): indices of the places, from 0. All variables are
+    independent and of unit variance; rounded: u and z are rounding errors, uniform, else they are normal. s is normal except where uniform
+    (K,) is True. counted (K,): whether s are errors of the counters, drawn anew in every run, as u and z are, while the others are those of
+    the instrument. Both are False throughout by default. sources (K,): the source of each of s, see `named`. joint: the errors are those of
+    a curve, and places are its clusters: request all instants of a part at once.
     """
 
     own: FloatArray
@@ -91,7 +91,7 @@ class PoseErrors:
 
     @property
     def random(self) -> FloatArray:
-        """(n, 6, 6) covariance of what is independent of other poses."""
+        """Return the (n, 6, 6) covariance of the part that is independent of other poses."""
         return np.asarray(self.own @ np.swapaxes(self.own, 1, 2))
 
     @property
@@ -101,8 +101,8 @@ class PoseErrors:
         return np.asarray(self.random + common @ np.swapaxes(common, 1, 2))
 
     def covariance_of(self, weights: FloatArray) -> FloatArray:
-        """(k, 6, 6) covariances of k weighted sums of the n errors, weights (k, n): of the mean over a window, of a difference, of what a
-        fit takes of them. The one place that says how the errors of several poses are correlated."""
+        """Return (k, 6, 6) covariances of k weighted sums of the n errors, weights (k, n): of the mean over a window, of a difference, of a
+        fit's part of them. Correlations between poses are defined only here."""
         common = np.einsum("kn,nil->kil", weights, self.factors)
         return np.asarray(np.einsum("kn,nij->kij", weights**2, self.random) + common @ np.swapaxes(common, 1, 2))
 
@@ -147,23 +147,21 @@ class PoseErrors:
 
 
 class ErrorModel(Protocol):
-    """Where errors of poses come from.
+    """Source of errors of poses.
 
-    A model states correlation between samples by what they have in common: columns of `PoseErrors.shared`, drawn once for the run, or of
+    A model states correlation between samples by their common errors: columns of `PoseErrors.shared`, drawn once for the run, or of
     `local`, drawn once for a place. Any covariance (6 n, 6 n), such as that of errors that fade in time or of a smoother, can be stated:
-    the columns of its root are `shared`. `PoseErrors.covariance_of` gives what follows for a mean or another weighted sum.
+    the columns of its root are `shared`. `PoseErrors.covariance_of` gives that of a mean or another weighted sum.
     """
 
     def at(self, trajectory: Trajectory, samples: IntArray) -> tuple[PoseErrors, Message | str]:
-        """Errors of the tool origin at samples (n,) of the trajectory, and what they hold, in words."""
+        """Return errors of the tool origin at samples (n,) of the trajectory, and their sources, in words."""
         ...
 
 
 class ErrorsOfRun:
-    """Errors by the counts, the linked calibration and whatever else the run states: what `lmeasure.trajectory.covariances` gives.
-
-    constraint, repeatability_mm: as the trajectory was reconstructed with.
-    """
+    """Errors by the counts, the linked calibration and the run's other statements: those of `lmeasure.trajectory.covariances`. constraint,
+    repeatability_mm: those of the trajectory's reconstruction."""
 
     def __init__(self, run: Run | Alignment, constraint: str | None = None, repeatability_mm: float = 0.0) -> None:
         self._run, self._constraint, self._repeatability_mm = run, constraint, repeatability_mm
@@ -187,7 +185,7 @@ class ErrorsOfRun:
 
 
 def source_of(name: str, assumed: str) -> ErrorSource:
-    """Return the source of a variable; assumed: the typical size that it is, empty of what is stated or calibrated."""
+    """Return the source of a variable; assumed: its typical size, empty for stated or calibrated ones."""
     if assumed:
         size = TYPICAL_SIZES[assumed]
         return ErrorSource(message("source.assumed", what=size.what), *size.in_unit)
@@ -200,10 +198,10 @@ def name_of_source(name: str) -> Message | str:
 
 
 class ErrorsOfFile:
-    """Errors by the standard uncertainties of a trajectory file alone, which do not say how poses' errors are correlated.
+    """Errors by the standard uncertainties of a trajectory file alone, without correlations between poses.
 
-    together: the poses of a part, a pose's cycles or a path's crossings, have the whole error in common, else only what the file calls
-    systematic. Neither is always the worse, so that a figure takes the larger of both.
+    together: the poses of a part, a pose's cycles or a path's crossings, share the whole error, else only the file's systematic one.
+    Neither is always worse, so a figure takes the larger of both.
     """
 
     def __init__(self, together: bool) -> None:

@@ -1,13 +1,13 @@
-"""Rounded counts of a robot that stands still: the same pose is rounded alike, again and again.
+"""Rounded counts of a robot at rest: the same pose is rounded alike, again and again.
 
-A count errs by a sawtooth of the true length. Where lengths scatter by a standard deviation of sigma counts, rounding errors of any two of
-them are correlated by
+The error of a count is a sawtooth of the true length. If lengths scatter by a standard deviation of sigma counts, rounding errors of any
+two of them are correlated by
 
     kept(sigma) = 6 / pi^2 * sum over k >= 1 of exp(-4 pi^2 k^2 sigma^2) / k^2
 
-(the Fourier series of the sawtooth, averaged over where the mean length lies within a count): 1 where nothing moves, 0.5 at a tenth of a
-count, 0.02 at three tenths. That fraction of the variance is not averaged away by more samples of a dwell nor by more cycles of a pose.
-What is kept where a robot swings is in `vibration`.
+(the Fourier series of the sawtooth, averaged over the place of the mean length within a count): 1 if nothing moves, 0.5 at a tenth of a
+count, 0.02 at three tenths. That fraction of the variance is not averaged away by more samples of a dwell nor by more cycles of a pose. For
+a swinging robot see `vibration`.
 """
 
 from dataclasses import replace
@@ -32,8 +32,8 @@ _OBSERVED = 12.0 * _SCATTER**2 + 1.0 - kept(_SCATTER)
 
 
 def scatter_counts(observed: FloatArray | float) -> FloatArray:
-    """Standard deviation (...) of lengths [counts] whose rounded counts have the observed variance (...) in units of 1/12, what one
-    rounding has: the solution of 12 sigma^2 + 1 - kept(sigma) = observed."""
+    """Return the standard deviation (...) of lengths [counts] whose rounded counts have the observed variance (...) in units of that of one
+    rounding, 1/12: the solution of 12 sigma^2 + 1 - kept(sigma) = observed."""
     observed = np.asarray(observed, dtype=np.float64)
     # beyond the table kept is nothing
     far = np.sqrt(np.maximum(observed - 1.0, 0.0) / 12.0)
@@ -41,8 +41,8 @@ def scatter_counts(observed: FloatArray | float) -> FloatArray:
 
 
 def whitened_variance(covariance: FloatArray, of_one: FloatArray) -> FloatArray:
-    """Mean variance (...) of poses' scatter (..., 6, 6) in units of what one rounding makes, of_one (..., 6, 6), over the directions that
-    have it; zero where none has."""
+    """Return the mean variance (...) of poses' scatter (..., 6, 6) in units of that by one rounding, of_one (..., 6, 6), over the
+    directions with one; zero without any."""
     size = np.sqrt(np.maximum(np.diagonal(of_one, axis1=-2, axis2=-1), 0.0))
     per = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
     scale = per[..., :, None] * per[..., None, :]
@@ -53,11 +53,11 @@ def whitened_variance(covariance: FloatArray, of_one: FloatArray) -> FloatArray:
 
 
 def of_dwells(errors: PoseErrors, factor: FloatArray, between: FloatArray, groups: IntArray) -> PoseErrors:
-    """Errors of the means over n dwells of one pose from those of single samples.
+    """Return errors of the means over n dwells of one pose from those of single samples.
 
-    factor (n, q): which part of the variance of one rounding the mean of each dwell has (`vibration.averaged`); groups (n,): number of the
-    group of dwells at one place; between (6, 6): covariance of dwells about the mean of their group. Between the dwells of a group, what
-    rounding keeps is common; the scatter that it hides is not, and the whole of it stays.
+    factor (n, q): variance of the mean of each dwell over that of one rounding (`vibration.averaged`); groups (n,): index of the group of
+    dwells at one position; between (6, 6): covariance of dwells about the mean of their group. Between the dwells of a group, the kept
+    rounding is common; the scatter that it hides is not, and the whole of it stays.
     """
     mean = errors.random.mean(axis=0)
     common = kept(scatter_counts(whitened_variance(np.nan_to_num(between), mean)))
@@ -100,15 +100,15 @@ def kept_over(errors: PoseErrors, step_mm: FloatArray) -> FloatArray:
 
 
 def of_neighbours(errors: PoseErrors, step_mm: FloatArray, row: IntArray) -> PoseErrors:
-    """Errors of samples that follow each other in rows, row (n,) their number from 0, from those of single samples: what rounding keeps
+    """Return errors of samples that follow each other in rows, row (n,) their index from 0, from those of single samples: the rounding kept
     over steps (n,) [mm] from one to the next is common to a row."""
     share = kept_over(errors, step_mm)[:, None, None]
     return replace(errors, own=np.sqrt(1.0 - share) * errors.own, local=np.sqrt(share) * errors.own, place=row)
 
 
 def phases(errors: PoseErrors, apart: FloatArray, rng: np.random.Generator, trials: int) -> FloatArray:
-    """(trials, n, m) where within a count the m lengths may lie at n visits of a place, apart (n, 6) (rotation [rad]; position [mm]) from
-    their mean; errors: of the n visits. What the visits scatter by, without their roundings, sets them apart."""
+    """Return (trials, n, m) possible places within a count of the m lengths at n visits, apart (n, 6) (rotation [rad]; position [mm]) from
+    their mean; errors: of the n visits. The scatter of the visits, without their roundings, separates them."""
     n, m = len(errors), errors.own.shape[2]
     common = rng.random((trials, 1, m))
     if n == 1 or m == 0:
@@ -119,10 +119,10 @@ def phases(errors: PoseErrors, apart: FloatArray, rng: np.random.Generator, tria
 
 
 def roundings(own: FloatArray, moved: FloatArray, phase: FloatArray, away: FloatArray) -> FloatArray:
-    """(trials, k, 6) errors (rotation [rad]; position [mm]) of k poses moved (k, 6) from a place where m lengths lie at phases (trials, m)
-    of a count; own (6, m): what one standard deviation of a rounded length makes of a pose there.
+    """Return (trials, k, 6) errors (rotation [rad]; position [mm]) of k poses moved (k, 6) from a place where m lengths lie at phases
+    (trials, m) of a count; own (6, m): effect on a pose there of one standard deviation of a rounded length.
 
-    What is measured is whole counts from the place, the truth is not: a count and more away lengths lie anywhere, by phases away (trials,
+    Measurements are whole counts from the place, true lengths are not: more than a count away lengths lie anywhere, by phases away (trials,
     m).
     """
     lengths = moved @ per_count(own).T

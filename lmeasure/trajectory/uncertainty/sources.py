@@ -1,19 +1,18 @@
-"""Sources of systematic error: what every sample of a run has in common, as errors of the lengths.
+"""Sources of systematic error: common errors of all samples of a run, as errors of the lengths.
 
-A source is a few variables, each drawn once for the whole run, and what one standard deviation of each does to the lengths of the cables
-at a sample. Whatever can be said so is a source: `budget.Budget` takes a tuple of them, and the covariances, Monte Carlo and the
-certificate's draws follow.
+A source is a few variables, each drawn once for the whole run, with the effect of one standard deviation of each on the lengths of the
+cables at a sample. `budget.Budget` takes a tuple of sources, and the covariances, Monte Carlo and the certificate's draws follow.
 
-What errors that are not small make of a pose beyond first order: readings bend while the pose moves by a zero that is known to a degree.
+Effects of larger errors on a pose beyond first order: readings bend while the pose moves by a zero that is known to a degree.
 
-With f what the channels read at a pose, G the inverse of its rows and L the errors of the readings by variables z of unit variance, the
+With f the channels' readings at a pose, G the inverse of its rows and L the errors of the readings by variables z of unit variance, the
 pose errs by the delta for which f(delta) - f(0) = L z. With F = G L and H the second derivatives of f,
 
     delta = F z + sum_(i<j) D_ij z_i z_j + sum_i D_ii (z_i^2 - 1) / 2 + sum_i D_ii / 2 + rest,    D_ij = -G H[F_i, F_j].
 
 Of normal z the products z_i z_j and (z_i^2 - 1) / sqrt(2) have unit variance and correlate with nothing else (JCGM 100, note to 5.1.2,
 whose terms of second order these are for one quantity). So they are variables like the others, shared by all samples; the last sum is the
-bias of the estimate, which is not taken off but stands beside them. Of the rest, by one step of Newton's, some draws tell the mean square.
+bias of the estimate, which is not corrected but added to them. Some draws of the rest, by one step of Newton's, give its mean square.
 """
 
 import math
@@ -33,7 +32,7 @@ ZERO = "zero"
 ANYWHERE = 2.0 * math.pi / math.sqrt(12.0)  # Standard uncertainty [rad] of an angle that may be anywhere on the circle
 LOOSE_RAD = 0.1  # Standard uncertainty of an encoder's zero from which its readings are no help in finding the poses
 NEAR_RAD = 3e-4
-"""To which a zero leaves poses near enough for first order: 0.5 mm at 1.5 m bend by 0.5^2 / (2 * 1500) mm, a hundredth of a count."""
+"""Error of a zero that is small enough for first order: 0.5 mm at 1.5 m bend by 0.5^2 / (2 * 1500) mm, a hundredth of a count."""
 LIGHT_RAD = 2e-3  # As which a zero weighs that poses need, or its row is lost in the rounding of those of counts
 UNKNOWN_MM = 1000.0
 """Standard uncertainty of a length against a guess that came from angles."""
@@ -75,10 +74,10 @@ class Situation:
 
 @dataclass(frozen=True)
 class Source:
-    """One kind of error. names (k,): of its variables, as `PoseCovariances.sources` has them; said: what they are in the words of
-    `Budget.covers`. lengths: errors of the lengths (n, m, k) [mm] per standard deviation of each variable, or (m, k) where they are the
-    same at all samples. uniform: whether the variables are uniform, of unit variance, or normal. assumed (k,): the key of the typical size
-    that each is, empty of what is stated or calibrated; () where none is assumed."""
+    """One kind of error. names (k,): of its variables, as in `PoseCovariances.sources`; said: their name in the words of `Budget.covers`.
+    lengths: errors of the lengths (n, m, k) [mm] per standard deviation of each variable, or (m, k) if they are the same at all samples.
+    uniform: whether the variables are uniform, of unit variance, or normal. assumed (k,): the key of each typical size, empty for stated or
+    calibrated ones; () without any."""
 
     names: tuple[str, ...]
     said: tuple[str, ...]
@@ -88,17 +87,15 @@ class Source:
 
 
 def zero_phase(rig: Rig) -> Source:
-    """Where within a count the counters were zeroed: recorded = round(k + phase), so that every decoded count of a zeroing is off by the
-    same phase, uniform within half a recorded count, and on top of it by its own rounding. The lengths are those of the zero pose and what
-    was counted since. So the phase stays in all of them, whether the zero pose was stated or came from lengths (`[start] lengths_mm`):
-    nothing takes it out."""
+    """Return the sub-count offset at zeroing: recorded = round(k + phase), so that every decoded count of a zeroing is off by the same
+    phase, uniform within half a recorded count, and on top of it by its own rounding. The lengths are those of the zero pose plus the
+    counts since. So the phase stays in all of them, whether the zero pose was stated or came from lengths (`[start] lengths_mm`)."""
     shifts = phase_columns(rig, rig.observed)
     return Source((PHASE,) * shifts.shape[1], (message("covers.of.phase"),), lambda _: shifts, uniform=True)
 
 
 def unknown_start(rig: Rig, absolute: BoolArray) -> Source:
-    """What was out, or how a swivel stood, where the counters were zeroed nobody knows where; absolute (m,) channels do not count from
-    there."""
+    """Return the unknown cable length or swivel angle at an unknown zeroing; absolute (m,) channels do not count from there."""
     u, of = np.array([UNKNOWN_MM if o.is_length else ANYWHERE for o in rig.observed]), rig.zeroings(rig.observed)
     relative = np.unique(of[~absolute])
     columns = np.where((of[:, None] == relative) & ~absolute[:, None], u[:, None], 0.0)
@@ -106,14 +103,14 @@ def unknown_start(rig: Rig, absolute: BoolArray) -> Source:
 
 
 def unknown_zeros(rig: Rig, record: CalibrationRecord | None) -> Source:
-    """What an absolute encoder reads too little at every sample, by where its zero is: of the uncertainty that the rig states, or anywhere
-    where it states none, but for those that a calibration has solved."""
+    """Return the error of absolute encoders by their zero: of the stated uncertainty, or any without a statement, except solved ones of a
+    calibration."""
     columns, names = zero_columns(rig, record)
     return Source((ZERO,) * len(names), (message("covers.of.zeros"),) * bool(names), lambda _: columns)
 
 
 def zero_columns(rig: Rig, record: CalibrationRecord | None) -> tuple[FloatArray, list[str]]:
-    """(m, k) what one standard deviation of the zero of each encoder whose zero is uncertain makes of the readings, and their channels."""
+    """Return (m, k) effects on the readings of one standard deviation of each uncertain zero of an encoder, and their channels."""
     solved = () if record is None else record.names
     u = np.zeros(len(rig.observed))
     for j, o in enumerate(rig.observed):
@@ -138,10 +135,10 @@ def angle_of(rig: Rig) -> FloatArray:
 
 
 def variance_until_told(zeros: FloatArray, free: int) -> FloatArray:
-    """(m,) [rad^2] by which readings scatter more than their rounding until a run has determined the zeros, of standard uncertainties (m,)
-    [rad]. A reading that weighs by its rounding, but is off by its zero, leads the pose away from where the others have it, where what
-    channels say of each other is no longer of first order. So it weighs as it is known; where fewer than the free components (their number)
-    of the pose are determined by others, all are taken for better known by one factor, for normal equations square what readings weigh."""
+    """Return the (m,) variance [rad^2] of readings beyond their rounding until a run has determined the zeros, of standard uncertainties
+    (m,) [rad]. A reading weighted by its rounding, but with the error of its zero, moves the pose away from that of the others, beyond
+    first order. So it is weighted with its zero's uncertainty. If the others determine fewer than the free components (their number) of the
+    pose, all uncertainties are reduced by one factor, since normal equations square the weights."""
     u = np.where(zeros < NEAR_RAD, 0.0, zeros)
     needed = needed_zero(u, free)
     return np.asarray((u * min(1.0, LIGHT_RAD / max(needed, LIGHT_RAD))) ** 2)
@@ -175,9 +172,9 @@ def loose_zeros(rig: Rig, record: CalibrationRecord | None, free: int) -> IntArr
 
 
 def own_lengths(rig: Rig, record: CalibrationRecord | None) -> Source:
-    """By which the lengths of a cable err on their own, as the residuals of the calibration showed it (`CalibrationRecord.u_length_mm`).
-    What stands behind it is not known: run-out, an eccentric pulley, friction. It is taken as a wave of a drum's turn, of unknown phase, so
-    that lengths a fraction of a turn apart err together and farther ones do not, less the error where the counter was zeroed."""
+    """Return the cables' own errors of length, from the residuals of the calibration (`CalibrationRecord.u_length_mm`). Their cause is
+    unknown: run-out, an eccentric pulley, friction. They are modelled as a wave of a drum's turn, of unknown phase, so that lengths a
+    fraction of a turn apart err together and farther ones do not, minus the error at zeroing."""
     known = {} if record is None else record.u_length_mm
     u = np.array([known.get(c.name, 0.0) for c in rig.cable])
     own, turn = np.flatnonzero(u), rig.cable_rows()[:, TURN_COUNTS]
@@ -228,14 +225,14 @@ DRAWS = 16  # Of what is left: its mean square is known to about a third
 
 
 def second_order_variables(k: int) -> int:
-    """Return how many variables stand beside k of first order."""
+    """Return the number of second-order variables for k of first order."""
     return k * (k + 1) // 2 + 1 + DRAWS if k else 0
 
 
 def beyond_first(rows: FloatArray, poses: FloatArray, *, G: FloatArray, F: FloatArray, angles: BoolArray) -> FloatArray:
-    """(n, 6, second_order_variables(k)) errors of (n, 7) poses beyond those of first order F (n, 6, k) [rad; mm], base axes, by k normal
-    variables. rows (m, columns) of the channels, of which angles (m,) are on the circle; G (n, 6, m): motions of the poses per unit of each
-    reading. NaN where there is no pose."""
+    """Return (n, 6, second_order_variables(k)) errors of (n, 7) poses beyond those of first order F (n, 6, k) [rad; mm], base axes, by k
+    normal variables. rows (m, columns) of the channels, of which angles (m,) are on the circle; G (n, 6, m): motions of the poses per unit
+    of each reading. NaN without a pose."""
     k = F.shape[2]
     out = np.full((len(poses), 6, second_order_variables(k)), np.nan)
     known = np.isfinite(poses).all(axis=1) & np.isfinite(F).all(axis=(1, 2))
