@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.accuracy.scan import run
 from lmeasure.accuracy.zone import at_pose, make_plan, named_figures
 from lmeasure.core import AccuracyError, FloatArray, StructureError, se3
-from lmeasure.linkages import Kept, detour
+from lmeasure.linkages import Kept, detour, nearest_pose
 from lmeasure.recording import CommandedPath, Program
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.structure import Linkage, bounds_of
@@ -100,18 +100,22 @@ def guard_columns(parts: list[Part]) -> dict[str, Any]:
 
 
 MARGIN = 1e-6  # of the limits' scale: a path on a limit is not called beyond it for its rounding
+INSIDE = 1e-8  # of the limits' scale: an end that moves keeps them by so much more
+SIDES = 8  # of the polygon about a path that stands for all planes of its weave
 SETTLED = 5e-7  # of the limits' scale: as little as a path that turns may miss the margin by
 ROUNDS = 12  # in which the rotation along a path that is led around settles
 
 
 @dataclass(frozen=True)
 class Led:
-    """Result of a path: commanded and led points (n, 3) [mm], equal if it keeps the limits; left: the reason why it was not led."""
+    """Result of a path: commanded and led points (n, 3) [mm], equal if it keeps the limits; left: the reason why it was not led; weaves:
+    whether it was shifted as a whole."""
 
     name: str
     commanded: FloatArray
     points: FloatArray
     left: str = ""
+    weaves: bool = False
 
     @property
     def deviation_mm(self) -> FloatArray:
@@ -128,23 +132,25 @@ class Led:
             return message("accuracy.path_left", name=self.name, why=self.left)
         if not self.changed:
             return message("accuracy.path_keeps_limits", name=self.name)
-        return message("accuracy.path_led_around_most", name=self.name, mm=self.deviation_mm.max())
+        start, *_, end = off = self.deviation_mm
+        code = "path_shifted" if self.weaves else "path_and_ends_led" if max(start, end) > 0.0 else "path_led_around_most"
+        return message(f"accuracy.{code}", name=self.name, mm=off.max(), start=start, end=end)
 
 
 def corrected(kept_at: Callable[[FloatArray], Kept | None], program: Program, rotation: Rotation) -> tuple[Program, list[Led]]:
     """Return the program with every path within the limits of a rig or a mechanism, and the change of each path.
 
-    A path that leaves them becomes one of points; its ends, orientations, speed and cycles stay. It keeps the limits between its points.
-    kept_at: of a pose (7,), the limits in its assembly mode, None where it does not keep them (`within`). rotation: of paths that state
-    none. The assembly is that of the first commanded pose that keeps the limits. Unchanged and named: paths that weave, and those with an
-    end beyond a limit. AccuracyError if no pose keeps the limits.
+    A path that leaves them becomes one of points; its orientations, speed and cycles stay. It keeps the limits between its points. An end
+    beyond a limit moves to the nearest place that keeps it. A path that weaves is shifted as a whole until its weave keeps the limits in
+    every plane. kept_at: of a pose (7,), the limits in its assembly mode, None where it does not keep them (`within`). rotation: of paths
+    that state none. The assembly is that of the first commanded pose that keeps the limits. AccuracyError if no pose keeps the limits.
     """
     places = [np.array([*p.position_mm, *p.quaternion_xyzw], dtype=np.float64) for p in program.pose]
     places += [pose for path in program.path for pose in _poses(path, path.points(STEP_MM), rotation)]
-    kept = next((k for pose in places if (k := kept_at(pose)) is not None), None)
-    if kept is None:
+    inside = next(((k, pose) for pose in places if (k := kept_at(pose)) is not None), None)
+    if inside is None:
         raise AccuracyError(message("error.no_pose_or_path"))
-    found = [_led(kept, path, rotation) for path in program.path]
+    found = [_led(*inside, path, rotation) for path in program.path]
     paths = tuple(_as_points(path, one) if one.changed else path for path, one in zip(program.path, found, strict=True))
     return program.model_copy(update={"path": paths}), found
 
@@ -180,17 +186,52 @@ def _share(points: FloatArray) -> FloatArray:
     return np.asarray(gone / max(float(gone[-1]), 1e-300))
 
 
-def _led(kept: Kept, path: CommandedPath, rotation: Rotation) -> Led:
+@dataclass(frozen=True)
+class _Whole:
+    """The limits of a path that is shifted as a whole, at poses (..., 7) of its start: those of all its places, whose offsets from the
+    start are (n, 3) and whose quaternions are (n, 4)."""
+
+    own: Kept
+    offsets: FloatArray
+    quaternions: FloatArray
+
+    @property
+    def base(self) -> FloatArray:
+        return self.own.base
+
+    @property
+    def body(self) -> FloatArray:
+        return self.own.body
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.own.names * len(self.offsets)
+
+    def values(self, poses: FloatArray) -> FloatArray:
+        """(..., n k) limits of all places."""
+        places = poses[..., None, :3] + self.offsets
+        turned = np.broadcast_to(self.quaternions, (*places.shape[:-1], 4))
+        found = self.own.values(np.concatenate([places, turned], axis=-1))
+        return found.reshape(*found.shape[:-2], -1)
+
+
+def _led(kept: Kept, inside: FloatArray, path: CommandedPath, rotation: Rotation) -> Led:
     points = path.points(STEP_MM)
+    if path.weave_stroke_mm is not None:
+        return _shifted(kept, path, points, rotation)
     share = _share(points)
     with np.errstate(invalid="ignore"):
-        if (kept.values(_poses(path, points, rotation)) >= MARGIN).all():
-            return Led(path.name, points, points)
-    if path.weave_stroke_mm is not None:
-        return Led(path.name, points, points, message("accuracy.path_weaves"))
+        keeps = np.all(kept.values(_poses(path, points, rotation)) >= MARGIN, axis=1)
+    if keeps.all():
+        return Led(path.name, points, points)
     for _ in range(ROUNDS):
+        poses = _poses(path, points, rotation, share)
         try:
-            found = detour(kept, _poses(path, points, rotation, share), margin=MARGIN, turns=False)
+            for end, order in ((0, 1), (-1, -1)):
+                # an end far away is searched from the place where the path comes in
+                begin = np.append((poses[::order][int(np.argmax(keeps[::order]))] if keeps.any() else inside)[:3], poses[end, 3:])
+                poses[end] = nearest_pose(kept, poses[end], MARGIN, begin, aim=MARGIN + INSIDE, turns=False)
+            found = detour(kept, poses, margin=MARGIN, turns=False)
         except StructureError as error:
             return Led(path.name, points, points, str(error).removeprefix("path: "))
         # the tool turns along the new path by its length, which is another one
@@ -202,6 +243,25 @@ def _led(kept: Kept, path: CommandedPath, rotation: Rotation) -> Led:
     return Led(path.name, points, points, message("accuracy.path_turns"))
 
 
+def _shifted(kept: Kept, path: CommandedPath, points: FloatArray, rotation: Rotation) -> Led:
+    """Return a weaving path shifted by the least way. The program does not state the plane of the weave, so all around the line count."""
+    assert path.weave_stroke_mm is not None
+    along = points[-1] - points[0]
+    _, _, axes = np.linalg.svd(along[None])
+    turn = 2.0 * np.pi / SIDES * np.arange(SIDES)
+    # the polygon is around the circle
+    rim = 0.5 * path.weave_stroke_mm / np.cos(np.pi / SIDES) * np.column_stack([np.cos(turn), np.sin(turn)]) @ axes[1:]
+    poses = _poses(path, points, rotation)
+    offsets = (points - points[0])[:, None] + np.vstack([np.zeros(3), rim])
+    whole = _Whole(kept, offsets.reshape(-1, 3), np.repeat(poses[:, 3:], SIDES + 1, axis=0))
+    try:
+        with np.errstate(invalid="ignore"):
+            shift = nearest_pose(whole, poses[0], MARGIN, turns=False)[:3] - points[0]
+    except StructureError as error:
+        return Led(path.name, points, points, str(error).removeprefix("path: "))
+    return Led(path.name, points, points + shift, weaves=True)
+
+
 def _keeps(kept: Kept, poses: FloatArray) -> bool:
     """Return whether a path through poses (n, 7) keeps the limits, halfway between them too."""
     half = se3.displaced(poses[:-1], 0.5 * se3.displacement(poses[1:], poses[:-1]))
@@ -210,7 +270,9 @@ def _keeps(kept: Kept, poses: FloatArray) -> bool:
 
 
 def _as_points(path: CommandedPath, found: Led) -> CommandedPath:
-    """The path through other points."""
+    """The path through other points, or shifted as a whole."""
+    if found.weaves:
+        return path.model_copy(update={"start_mm": tuple(found.points[0].tolist()), "end_mm": tuple(found.points[-1].tolist())})
     keys = ("name", "windows_s", "cycles", "speed_percent", "load_kg", "speed_mm_s", "quaternion_xyzw", "end_quaternion_xyzw")
     apart = np.append(True, np.linalg.norm(np.diff(found.points, axis=0), axis=1) > 1e-9)
     points = tuple(tuple(point) for point in found.points[apart].tolist())

@@ -1,6 +1,6 @@
 from .bounds import Behind as Behind, Bounds as Bounds, Further as Further, Kept as Kept, Lines as Lines
 from .chain import Chain as Chain, grown as grown, proved as proved
-from .detours import detour as detour
+from .detours import detour as detour, nearest_pose as nearest_pose
 from .flat_tetrahedra import Tetrahedron as Tetrahedron, adjusted as adjusted, clear as clear
 from .hooke_joints import HookeJoints as HookeJoints
 from .length_limits import Around as Around

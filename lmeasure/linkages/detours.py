@@ -75,14 +75,17 @@ def detour(bounds: Kept, poses: FloatArray, margin: float = 0.0, *, turns: bool 
 def _halved(bounds: Kept, poses: FloatArray, margin: float, aim: float, turns: bool) -> list[tuple[float, FloatArray]]:
     """Parameters and poses of the path, each led around, with more of them where the way between two does not keep the limits."""
     kept = np.asarray((bounds.values(poses) >= margin).all(axis=1))
-    found = [(float(k), pose if kept[k] else led(bounds, pose, margin, aim=aim, turns=turns)) for k, pose in enumerate(poses)]
+    found: list[tuple[float, FloatArray]] = []
+    for k, pose in enumerate(poses):
+        before = found[-1][1] if found and not kept[k] else None
+        found.append((float(k), pose if kept[k] else nearest_pose(bounds, pose, margin, before, aim=aim, turns=turns)))
     for _ in range(HALVINGS):
         more: list[tuple[float, FloatArray]] = [found[0]]
         middles = np.array([at(np.stack([a, b]), 0.5) for (_, a), (_, b) in pairwise(found)])
         missed = np.asarray((bounds.values(middles) < margin).any(axis=1))
         for ((i, _), (j, b)), middle, misses in zip(pairwise(found), middles, missed, strict=True):
             if misses:
-                more.append(((i + j) / 2.0, led(bounds, at(poses, (i + j) / 2.0), margin, middle, aim=aim, turns=turns)))
+                more.append(((i + j) / 2.0, nearest_pose(bounds, at(poses, (i + j) / 2.0), margin, middle, aim=aim, turns=turns)))
             more.append((j, b))
         if len(more) == len(found):
             break  # between no two the limits are missed
@@ -98,7 +101,7 @@ def _short(bounds: Kept, found: list[tuple[float, FloatArray]], margin: float) -
     return max(float(short[worst]), 0.0), int(found[worst // 3][0])
 
 
-def led(
+def nearest_pose(
     bounds: Kept, pose: FloatArray, margin: float = 0.0, start: FloatArray | None = None, *, aim: float | None = None, turns: bool = True
 ) -> FloatArray:
     """The pose (7,) nearest to a pose that keeps all limits: least displacement under the limits made linear, again and again. start (7,):

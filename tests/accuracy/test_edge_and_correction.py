@@ -87,7 +87,18 @@ PATHS = (
         name="round", kind="circular", centre_mm=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0), radius_mm=700.0, start_mm=(0.0, 700.0, 0.0)
     ),
     CommandedPath(name="out", kind="linear", start_mm=(0.0, 0.0, 0.0), end_mm=(5000.0, 0.0, 0.0)),
+    CommandedPath(name="end", kind="linear", start_mm=(500.0, 0.0, 0.0), end_mm=(690.0, 0.0, 0.0)),
+    CommandedPath(
+        name="weave", kind="linear", start_mm=(600.0, -50.0, 0.0), end_mm=(600.0, 50.0, 0.0), weave_stroke_mm=80.0, weave_distance_mm=10.0
+    ),
 )
+
+
+def within_ball(count: int, radius: float) -> FloatArray:
+    """Places (count, 3) within a ball about the origin."""
+    rng = np.random.default_rng(0)
+    away = rng.normal(size=(count, 3))
+    return np.asarray(away * radius * rng.uniform(0.0, 1.0, (count, 1)) ** (1 / 3) / np.linalg.norm(away, axis=1, keepdims=True))
 
 
 def test_a_path_that_leaves_the_zone_is_led_around(tmp_path: Path) -> None:
@@ -97,8 +108,8 @@ def test_a_path_that_leaves_the_zone_is_led_around(tmp_path: Path) -> None:
     assert done.exit_code == 0
     lines = done.output.splitlines()
     assert "path inside: within the limits" in lines
-    assert "NOT CHANGED: sample 1001, an end, is beyond a limit itself" in done.output
-    inside, led, out = read_program(tmp_path / "led" / "program.toml").path
+    assert "path out: NOT CHANGED: no pose near the commanded one keeps the limits" in done.output
+    inside, led, out, end, weave = read_program(tmp_path / "led" / "program.toml").path
     assert (inside, out, led.kind) == (PATHS[0], PATHS[2], "points")
     points = led.points(5.0)
     np.testing.assert_allclose(points[[0, -1]], [(0.0, 700.0, 0.0)] * 2, atol=1e-9)
@@ -112,11 +123,24 @@ def test_a_path_that_leaves_the_zone_is_led_around(tmp_path: Path) -> None:
     k = int(table["deviation_mm"].argmax())
     deviation = float(table["deviation_mm"].to_numpy()[k])
     commanded = table[["commanded_x_mm", "commanded_y_mm", "commanded_z_mm"]].to_numpy(dtype=np.float64)[k]
-    rng = np.random.default_rng(0)
-    nearer = rng.normal(size=(3000, 3))
-    nearer *= 0.99 * deviation * rng.uniform(0.0, 1.0, (3000, 1)) ** (1 / 3) / np.linalg.norm(nearer, axis=1, keepdims=True)
-    poses = np.column_stack([commanded + nearer, np.tile([0.0, 0.0, 0.0, 1.0], (3000, 1))])
-    assert not bounds.inside(poses).any()
+
+    def inside_at(places: FloatArray) -> Any:
+        return bounds.inside(np.column_stack([places, np.tile([0.0, 0.0, 0.0, 1.0], (len(places), 1))]))
+
+    assert not inside_at(commanded + within_ball(3000, 0.99 * deviation)).any()
+    # an end beyond the limit goes to the nearest place that keeps it
+    moved = float(np.linalg.norm(end.points(5.0)[-1] - (690.0, 0.0, 0.0)))
+    assert f"its start moved by 0 mm, its end by {moved:.4g} mm" in done.output
+    assert inside_at(end.points(5.0)).all()
+    assert not inside_at(np.array([690.0, 0.0, 0.0]) + within_ball(3000, 0.99 * moved)).any()
+    # a weave is shifted as a whole: all around its line; a polygon stands for the circle, which costs up to 3.3 mm
+    shift = np.subtract(weave.start_mm or (), (600.0, -50.0, 0.0))
+    assert (weave.kind, weave.weave_stroke_mm) == ("linear", 80.0)
+    np.testing.assert_allclose(np.subtract(weave.end_mm or (), (600.0, 50.0, 0.0)), shift, atol=1e-9)
+    turn, along = np.meshgrid(np.radians(np.arange(0.0, 360.0, 5.0)), np.linspace(-50.0, 50.0, 21))
+    around = np.column_stack([600.0 + 40.0 * np.cos(turn.ravel()), along.ravel(), 40.0 * np.sin(turn.ravel())])
+    assert inside_at(around + shift).all()
+    assert not any(inside_at(around + less).all() for less in within_ball(300, float(np.linalg.norm(shift)) - 3.4))
 
 
 def gaps(file: ParallelFile, poses: FloatArray) -> FloatArray:

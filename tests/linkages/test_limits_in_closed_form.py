@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from lmeasure.core import FloatArray, StructureError, se3
 from lmeasure.linkages import Bounds, Slice, boundary, detour, detours, first_met, rim_mm, workspace
-from lmeasure.linkages.detours import at, led
+from lmeasure.linkages.detours import at, nearest_pose
 
 HERE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 BODY = np.array([(0, -90, 10), (120, 0, -20), (0, 150, 0), (-30, -80, 40), (60, 20, -50), (-100, 40, 0)], dtype=float)
@@ -331,24 +331,24 @@ def test_the_nearest_pose_shifts_and_turns_as_the_rim_counts(short: float) -> No
     """Of x + r a >= c the least dx^2 + (rim da)^2."""
     r, c = 70.0, 300.0
     pose = turned(c - short - r * 0.2, 40.0, -20.0, 0.2)
-    found = led(limits(lambda p: (p[..., 0] + r * about_z(p) - c) / 50.0), pose)
+    found = nearest_pose(limits(lambda p: (p[..., 0] + r * about_z(p) - c) / 50.0), pose)
     dx = short / (1.0 + (r / RIM) ** 2)
     np.testing.assert_allclose(found, turned(pose[0] + dx, 40.0, -20.0, 0.2 + dx * r / RIM**2), atol=1e-6)
-    shifted = led(limits(lambda p: (p[..., 0] + r * about_z(p) - c) / 50.0), pose, turns=False)
+    shifted = nearest_pose(limits(lambda p: (p[..., 0] + r * about_z(p) - c) / 50.0), pose, turns=False)
     np.testing.assert_allclose(shifted, turned(pose[0] + short, 40.0, -20.0, 0.2), atol=1e-6)
 
 
 def test_the_nearest_pose_keeps_every_limit_by_the_margin() -> None:
     """x >= 2 and x + 2 y >= 6: from the origin their corner, though the nearest place on the second is (1.2, 2.4)."""
     bounds = limits(lambda p: (p[..., 0] - 2.0) / 4.0, lambda p: 7.0 * (p[..., 0] + 2.0 * p[..., 1] - 6.0))
-    np.testing.assert_allclose(led(bounds, HERE)[:3], [2.0, 2.0, 0.0], atol=1e-8)
-    np.testing.assert_allclose(led(bounds, HERE, 0.5)[:3], [4.0, (6.0 + 0.5 / 7.0 - 4.0) / 2.0, 0.0], atol=1e-8)
-    np.testing.assert_allclose(led(bounds, HERE, 0.0, aim=0.25)[:3], [3.0, (6.0 + 0.25 / 7.0 - 3.0) / 2.0, 0.0], atol=1e-8)
-    np.testing.assert_allclose(led(bounds, HERE, start=turned(9.0, -3.0, 2.0, 0.3))[:3], [2.0, 2.0, 0.0], atol=1e-8)
+    np.testing.assert_allclose(nearest_pose(bounds, HERE)[:3], [2.0, 2.0, 0.0], atol=1e-8)
+    np.testing.assert_allclose(nearest_pose(bounds, HERE, 0.5)[:3], [4.0, (6.0 + 0.5 / 7.0 - 4.0) / 2.0, 0.0], atol=1e-8)
+    np.testing.assert_allclose(nearest_pose(bounds, HERE, 0.0, aim=0.25)[:3], [3.0, (6.0 + 0.25 / 7.0 - 3.0) / 2.0, 0.0], atol=1e-8)
+    np.testing.assert_allclose(nearest_pose(bounds, HERE, start=turned(9.0, -3.0, 2.0, 0.3))[:3], [2.0, 2.0, 0.0], atol=1e-8)
     # what keeps its limits, be it just so, stays
     for x, margin in ((2.0, 0.0), (4.0, 0.5)):
         on = turned(x, 9.0, 0.0, 0.1)
-        assert led(bounds, on, margin, aim=3.0) is on
+        assert nearest_pose(bounds, on, margin, aim=3.0) is on
 
 
 @pytest.mark.parametrize(
@@ -364,7 +364,7 @@ def test_the_nearest_pose_keeps_every_limit_by_the_margin() -> None:
 )
 def test_limits_that_no_pose_keeps_are_told(kept: tuple[Limit, ...]) -> None:
     with pytest.raises(StructureError, match="no pose near the commanded one keeps the limits"):
-        led(limits(*kept), HERE)
+        nearest_pose(limits(*kept), HERE)
 
 
 def path(*xya: tuple[float, float, float]) -> FloatArray:
@@ -450,6 +450,6 @@ def test_poses_between_two_are_on_a_straight_way_and_turned_about_one_axis() -> 
 def test_the_nearest_pose_of_a_bent_limit_is_straight_out() -> None:
     """From a pillar, and to a limit whose slope falls off with the square of how far one is from it."""
     pillar = limits(lambda p: (np.hypot(p[..., 0], p[..., 1]) - 100.0) / 100.0)
-    np.testing.assert_allclose(led(pillar, turned(30.0, 40.0, 7.0, 0.1)), turned(60.0, 80.0, 7.0, 0.1), atol=1e-6)
+    np.testing.assert_allclose(nearest_pose(pillar, turned(30.0, 40.0, 7.0, 0.1)), turned(60.0, 80.0, 7.0, 0.1), atol=1e-6)
     flattened = limits(lambda p: np.arctan((p[..., 0] - 200.0) / 30.0))
-    np.testing.assert_allclose(led(flattened, HERE), turned(200.0, 0.0, 0.0, 0.0), atol=1e-6)
+    np.testing.assert_allclose(nearest_pose(flattened, HERE), turned(200.0, 0.0, 0.0, 0.0), atol=1e-6)

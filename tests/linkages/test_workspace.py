@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import BoolArray, FloatArray, StructureError, se3
 from lmeasure.linkages import Bounds, Slice, boundary, detour, first_met, singularity
-from lmeasure.linkages.detours import led
+from lmeasure.linkages.detours import nearest_pose
 from lmeasure.structure.slices import slices
 
 laws = settings(max_examples=15, deadline=None, derandomize=True)
@@ -329,7 +329,7 @@ def test_the_pose_led_to_is_the_nearest(seed: int) -> None:
     pose = se3.displaced(HERE, rng.normal(size=6) * np.repeat([0.25, 0.8], 3))
     rim = singularity.rim_mm(BODY)
     try:
-        out = led(bounds, pose)
+        out = nearest_pose(bounds, pose)
     except StructureError:
         return
     weight = np.repeat([rim, 1.0], 3)

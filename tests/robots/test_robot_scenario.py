@@ -10,7 +10,7 @@ from lmeasure.cli.app import app
 from lmeasure.core import FileFormatError, RobotError, se3
 from lmeasure.io import files
 from lmeasure.iso9283 import Tests, campaign, largest_cube, simulate_robot, write_commands
-from lmeasure.recording import read_program, read_run
+from lmeasure.recording import read_program, read_run, write_program
 from lmeasure.robots import any_shipped, nearness, read_robot
 from lmeasure.robots.parallel.limits import spread
 from lmeasure.robots.parallel.model import Parallel
@@ -31,7 +31,7 @@ def of(robot: dict[str, object], **more: object) -> dict[str, object]:
     return {**FIRST, "waypoint": WAYPOINTS, "robot": robot, **more}
 
 
-@pytest.mark.parametrize("model", ["rotopod-cell", "four-chains-arms", "logos", "gough", "generic6"])
+@pytest.mark.parametrize("model", ["rotopod-cell", "four-chains-arms", "logos", "gough", "generic6", "input-rods"])
 def test_a_robot_without_errors_goes_where_it_is_told(model: str, tmp_path: Path) -> None:
     done = simulate_robot(*scenario_from_dict(of({"model": model})), tmp_path).performance
     rests = [int(s.end_s * 100) - 1 for s in done.spans]
@@ -58,22 +58,32 @@ def test_planted_errors_are_those_of_the_built_robot(tmp_path: Path) -> None:
     np.testing.assert_allclose(moved[3:], twist[3:] + np.cross(twist[:3], flange[:3]), atol=0.02)
 
 
-def test_a_program_is_gone_through_and_the_robot_identified_by_command(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("model", "unit"), [("rotopod-cell", "deg"), ("input-rods", "mm")])
+def test_a_program_is_gone_through_and_certified_by_command(model: str, unit: str, tmp_path: Path) -> None:
     plan = campaign(
         largest_cube((-30.0,) * 3, (30.0,) * 3),
         Tests(tests=("pose",), cycles={"pose": 3}, speed_mm_s=200.0, speeds_percent=(100.0,), dwell_s=0.6),
     )
     write_commands(tmp_path / "commands.csv", plan)
-    text = 'schema = "lmeasure.scenario/1"\nrate_hz = 100.0\n[robot]\nmodel = "rotopod-cell"\ncommands = "commands.csv"\nu_mm = 0.2\n'
+    text = f'schema = "lmeasure.scenario/1"\nrate_hz = 100.0\n[robot]\nmodel = "{model}"\ncommands = "commands.csv"\nu_mm = 0.2\n'
     (tmp_path / "scenario.toml").write_text(text)
-    done = CliRunner().invoke(app, ["simulate", str(tmp_path / "scenario.toml"), "--out", str(tmp_path / "run")])
-    assert done.exit_code == 0, done.output
+    program, measured = tmp_path / "program.toml", tmp_path / "t.parquet"
+    write_program(program, plan.program)
+    for line in (
+        ("simulate", tmp_path / "scenario.toml", "--out", tmp_path / "run"),
+        ("reconstruct", tmp_path / "run", "--out", measured),
+        ("program", "--ran", measured, "--out", tmp_path),
+        ("certify", measured, "--run", tmp_path / "run", "--program", program, "--out", tmp_path / "certificate"),
+        ("verify", tmp_path / "certificate"),
+    ):
+        done = CliRunner().invoke(app, [str(word) for word in line])
+        assert done.exit_code == 0, f"{done.output}\n{done.exception!r}"
     drawn, true = (read_robot(tmp_path / "run" / "robot" / part) for part in ("robot.toml", "true/robot.toml"))
     assert drawn != true
     rests = files.read_table(tmp_path / "run" / "robot" / "joints.csv")
     trajectory, truth = reconstruct(read_run(tmp_path / "run")), files.read_table(tmp_path / "run" / "truth.parquet")
     # where the controller went by its drawing, the built robot was: within counts, its first pose being the start
-    joints = np.radians(rests.matrix([f"leg_{i}_deg" for i in range(1, 7)]))
+    joints = rests.matrix([f"leg_{i}_{unit}" for i in range(1, 7)]) * (np.pi / 180.0 if unit == "deg" else 1.0)
     at = np.searchsorted(trajectory.time_s, rests.numbers("time_s"))
     flange = true.model.forward(joints)
     base = np.array([0.0, 0.0, -400.0, 0.0, 0.0, 0.0, 1.0])
