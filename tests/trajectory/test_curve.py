@@ -17,7 +17,8 @@ from lmeasure.core import FileFormatError, FloatArray, TrajectoryError
 from lmeasure.kernels import band_inverse, spline_covariances, spline_equations, spline_poses
 from lmeasure.recording import Counts, Run, read_counts, read_run, write_counts
 from lmeasure.sensors import Channels
-from lmeasure.trajectory import Curve, motion_of, motion_of_curve, reconstruct, reconstruct_curve
+from lmeasure.trajectory import Curve, align, motion_of, motion_of_curve, prepare, reconstruct, reconstruct_curve
+from lmeasure.trajectory.curve.fit import Fit, readings_of
 
 ORIGIN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
@@ -136,6 +137,28 @@ def test_equations_are_those_of_difference_quotients(cell: tuple[lm.Trajectory, 
     L = np.stack([shared[..., 0], rate * late[:, 0], rate * slow[:, 0] * times], axis=2).reshape(-1, 3)
     np.testing.assert_allclose(X, A @ L, atol=2e-4 * np.abs(A @ L).max())
     np.testing.assert_allclose(S, L.T @ L, rtol=1e-4)
+
+
+def test_the_evidence_of_a_fit_is_that_of_dense_equations_where_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rounds follow the equations by their slopes. Here they are made anew, and their matrix is dense."""
+    monkeypatch.setattr("lmeasure.trajectory.curve.fit.ESTIMATES", 0)
+    run, spacing = exact_run("eight-run"), 0.03
+    first = run.passes[0]
+    run = replace(run, passes=(replace(first, time_s=first.time_s[:150], recorded=first.recorded[:150]),))
+    reconstruction = prepare(align(run))
+    lengths = align(run).lengths_of(reconstruction.doubts)
+    fit = Fit(readings_of(reconstruction, lengths, reconstruction.trajectory(lengths)), spacing, reconstruction.budget.origins)
+    begun = fit.equations(fit.begin())[5]
+    solution = fit.solve(fit.begin())
+    N, *_, total = fit.equations(solution.control)
+    assert total < 1e-3 * begun
+    n = len(N)
+    D = np.kron(np.diff(np.eye(n // 6), 4, axis=0), np.eye(6))
+    prior, off = 1.0 / solution.control.snap.ravel(), solution.control.differences().ravel()
+    dense = np.array([[N[min(i, j), abs(i - j)] if abs(i - j) < N.shape[1] else 0.0 for j in range(n)] for i in range(n)])
+    evidence = -0.5 * (total + prior @ off**2) + 0.5 * np.log(prior).sum() - 0.5 * np.linalg.slogdet(dense + D.T @ (prior[:, None] * D))[1]
+    # coefficients of cubics by time, instead of by knots
+    assert solution.evidence == pytest.approx(evidence - 6 * (0 + 1 + 2 + 3) * np.log(spacing), rel=1e-7)
 
 
 def basis(k: int) -> list[FloatArray]:

@@ -115,6 +115,8 @@ class Control:
         self.points, self.turns = kernels.spline_moved(self.points, self.turns, by)
 
 
+Known = tuple[FloatArray, FloatArray]
+"""Inverse covariance (b, b) of shared variables, and it times their mean (b,)."""
 Equations = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float]
 _SIGNS = np.array([(-1.0) ** (DIFFERENCES - i) * comb(DIFFERENCES, i) for i in range(DIFFERENCES + 1)])
 
@@ -122,14 +124,15 @@ _SIGNS = np.array([(-1.0) ** (DIFFERENCES - i) * comb(DIFFERENCES, i) for i in r
 @dataclass(frozen=True)
 class Solution:
     """A fit: its control poses, band of their covariance and of the factor of its inverse, shared (K, 6, b) errors by independent
-    variables, covariance (b, b) of the shared variables, the logarithm of the evidence, and the squared length of the step to it in
-    standard uncertainties."""
+    variables, covariance (b, b) of the shared variables, what the readings alone show of these (`Known`), the logarithm of the evidence,
+    and the squared length of the step to it in standard uncertainties."""
 
     control: Control
     band: FloatArray
     factor: FloatArray
     shared: FloatArray
     covariance: FloatArray
+    shown: Known
     evidence: float
     decrement: float
 
@@ -137,7 +140,8 @@ class Solution:
 class Fit:
     """Gauss-Newton on the control poses of a spacing [s], with the variables of some sources of the run and those of its clocks."""
 
-    def __init__(self, readings: Readings, spacing_s: float, sources: tuple[Source, ...]) -> None:
+    def __init__(self, readings: Readings, spacing_s: float, sources: tuple[Source, ...], known: Known | None = None) -> None:
+        """known: of the variables by readings that are not among these; where it is None they are independent, of unit variance."""
         self.readings, self.spacing_s, self.sources = readings, spacing_s, sources
         self.reconstruction = readings.reconstruction
         model, budget = self.reconstruction.model, self.reconstruction.budget
@@ -155,6 +159,8 @@ class Fit:
             apart[seen] = np.linalg.svd(np.ones((1, int(seen.sum()))))[2][1:].T
         self.late, self.slow = readings.u_clock_s * apart, U_CLOCK_RATE * apart
         self.names = tuple(name for source in sources for name in source.names)
+        b = len(self.names) + 2 * self.late.shape[1]
+        self.known = (np.eye(b), np.zeros(b)) if known is None else known
         self.origins = budget.supposed if budget.estimate is None else budget.estimate.mean
 
     def begin(self) -> Control:
@@ -254,20 +260,21 @@ class Fit:
         evidence += 0.5 * np.log(by_variance).sum() - np.log(left[:, 0]).sum()
         # of polynomials, which the prior leaves alone, coefficients by time are alike for all spacings
         evidence -= 6.0 * 0.5 * DIFFERENCES * (DIFFERENCES - 1) * np.log(self.spacing_s)
-        covariance, shared, move = np.zeros((b, b)), np.zeros((K, 6, b)), np.zeros(b)
-        decrement = float(step @ right)
+        covariance, shared, move = np.eye(b), np.zeros((K, 6, b)), np.zeros(b)
+        shown, decrement = (np.zeros((b, b)), np.zeros(b)), float(step @ right)
         if b:
-            covariance = np.eye(b)
             if self.reconstruction.model.scheme.redundancy:
-                covariance = np.linalg.inv(np.eye(b) + S - X.T @ Y)
+                J, (before, mean) = S - X.T @ Y, self.known
+                shown = J, s - X.T @ step + J @ control.variables
+                covariance = np.linalg.inv(before + J)
                 covariance = 0.5 * (covariance + covariance.T)
-                along = s - control.variables - X.T @ step
+                along = mean + shown[1] - (before + J) @ control.variables
                 move = covariance @ along
                 step, decrement = step - Y @ move, decrement + float(along @ move)
             shared = -(Y @ symmetric_root(covariance)).reshape(K, 6, b)
         if estimates:
             control.snap = self._snap(difference, step.reshape(K, 6), band, by_variance)
-        return np.concatenate([step, move]), Solution(control, band, left, shared, covariance, float(evidence), decrement)
+        return np.concatenate([step, move]), Solution(control, band, left, shared, covariance, shown, float(evidence), decrement)
 
     @staticmethod
     def _snap(difference: FloatArray, step: FloatArray, band: FloatArray, by_variance: FloatArray) -> FloatArray:
