@@ -65,6 +65,7 @@ from .sensors import (
 from .structure import Described as Described
 from .trajectory import (
     Curve as Curve,
+    CurveStream as CurveStream,
     Instants as Instants,
     PoseCovariances as PoseCovariances,
     Trajectory as Trajectory,

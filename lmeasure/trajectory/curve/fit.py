@@ -332,14 +332,14 @@ def jitter_of(times: FloatArray) -> FloatArray:
     return np.asarray(typical / np.sqrt(6.0))
 
 
-def readings_of(reconstruction: Reconstruction, lengths: Lengths, trajectory: Trajectory) -> Readings:
-    """Return the readings of a run, as a curve takes them: those of channels with their own times at these. TrajectoryError for a run of
-    several passes, whose channels were read in different motions."""
+def readings_of(reconstruction: Reconstruction, lengths: Lengths, trajectory: Trajectory, state: FloatArray | None = None) -> Readings:
+    """Return the readings of a run, as a curve takes them: those of channels with their own times at these. state: where the run is as they
+    begin, by default its start. TrajectoryError for a run of several passes, whose channels were read in different motions."""
     budget = reconstruction.budget
     rig = budget.rig
     if rig.passes > 1:
         raise TrajectoryError(message("curve.passes", passes=rig.passes))
-    changes = reconstruction.corrected(lengths).change_mm + budget.offsets(lengths.time_s)
+    changes = reconstruction.corrected(lengths, state).change_mm + budget.offsets(lengths.time_s)
     times, counts, u_mm, u_clock_s = np.tile(lengths.time_s[:, None], (1, changes.shape[1])), lengths.counts, lengths.u_mm, 0.0
     if lengths.frames is not None:
         # each frame at its own time; what is uncertain of that is the clock's
@@ -378,6 +378,11 @@ def curve_of(readings: Readings, spacing_s: float | None = None) -> Curve:
         control, more = solution.control, len(fit.names) - len(first.names)
         control.variables = np.concatenate([np.zeros(more), control.variables])
         solution = fit.solve(control)
+    return curve_of_fit(fit, solution)
+
+
+def curve_of_fit(fit: Fit, solution: Solution) -> Curve:
+    """Return the curve of a fit."""
     control, b0, c = solution.control, len(fit.names), fit.late.shape[1]
     clocks = {"clocks_s": fit.late, "clock_rates": fit.slow}
     seen: dict[str, FloatArray] = {}
@@ -389,7 +394,7 @@ def curve_of(readings: Readings, spacing_s: float | None = None) -> Curve:
     keys = (*(key for source in fit.sources for key in source.assumed or ("",) * len(source.names)), *("",) * (2 * c))
     solved = control.points, control.turns, solution.band, solution.factor, solution.shared
     u_before_s = float(np.linalg.norm(fit.late, axis=1).max(initial=0.0))
-    return Curve(fit.begin_s, fit.end_s, fit.spacing_s, *solved, sources, keys, readings.lengths.cables, **seen, u_before_s=u_before_s)
+    return Curve(fit.begin_s, fit.end_s, fit.spacing_s, *solved, sources, keys, fit.readings.lengths.cables, **seen, u_before_s=u_before_s)
 
 
 def reconstruct_curve(
