@@ -116,7 +116,7 @@ _shown = -math.inf
 def _pose(watch: "PoseWatch | str") -> dict[str, Any]:
     if isinstance(watch, str):
         return {"status": "", "shown": "", "text": rendered(watch)}
-    from lmeasure.cli.live import u95_mm
+    from lmeasure.cli.live import curve_values, u95_mm
 
     latest = watch.latest
     if latest is None:
@@ -131,6 +131,7 @@ def _pose(watch: "PoseWatch | str") -> dict[str, Any]:
         "angles": watch.angles(),
         "quaternion_xyzw": [float(v) for v in latest.pose[3:]],
         "worst_pressure_angle_deg": _number(latest.worst_pressure_angle_deg),
+        "curve": curve_values(watch),
         "text": "",
     }
 

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -42,7 +42,7 @@ def live_table() -> Iterator[Callable[[Progress, "PoseWatch | str"], None]]:
 
 
 def render(progress: Progress, pose: "PoseWatch | str" = "") -> Group:
-    """One line on the whole, one row per channel, the pose, one line of faults."""
+    """One line on the whole, one row per channel, the pose and that of the curve, one line of faults."""
     rate = progress.samples / progress.seconds if progress.seconds > 0 else 0.0
     counted = {"seconds": progress.seconds, "samples": progress.samples, "rate": rate, "frames": progress.frames}
     latency = "" if progress.latency_s is None else message("cli.latency_ms", latency_s=1000.0 * progress.latency_s)
@@ -55,7 +55,8 @@ def render(progress: Progress, pose: "PoseWatch | str" = "") -> Group:
         table.add_row(channel, *cells)
     faults = ", ".join(rendered(count_of(kind, n)) for kind, n in sorted(progress.faults.items())) or message("acquisition.no_faults")
     where = message("cli.pose", what="-") if stale(progress) else pose if isinstance(pose, str) else _pose_line(pose, progress.origin_s)
-    lines = [Text(rendered(where))] if where else []
+    smooth = "" if isinstance(pose, str) or stale(progress) else _curve_line(pose)
+    lines = [Text(rendered(line)) for line in (where, smooth) if line]
     return Group(Text(rendered(head)), table, *lines, Text(rendered(faults), style="red" if progress.faults else "green"))
 
 
@@ -71,6 +72,27 @@ def u95_mm(watch: "PoseWatch") -> float | None:
     covariance = watch.covariance()
     radius = float("nan") if covariance is None else float(stated_radii_95(covariance[None, 3:, 3:])[0])
     return radius if math.isfinite(radius) else None
+
+
+def curve_values(watch: "PoseWatch") -> dict[str, Any] | None:
+    """Return the last pose of the curve: seconds behind the last sample, place and its U95 [mm], speed [mm/s]; None where there is none."""
+    from lmeasure.accuracy import stated_radii_95
+
+    there = watch.smooth
+    if there is None or isinstance(there, str) or not math.isfinite(there.poses[-1, 0]):
+        return None
+    covariance = (there.random + there.systematic)[-1, 0, 3:, 3:]
+    speed = math.hypot(*there.rates[-1, 1, 3:])
+    place, u95 = tuple(there.poses[-1, :3].tolist()), float(stated_radii_95(covariance[None])[0])
+    return {"behind_s": watch.time_s - float(there.time_s[-1]), "position_mm": place, "u95_mm": u95, "speed_mm_s": speed}
+
+
+def _curve_line(watch: "PoseWatch") -> str:
+    """The last pose of the curve, or the reason why there is none."""
+    values = curve_values(watch)
+    if values is not None:
+        return message("cli.curve", **values)
+    return watch.smooth if isinstance(watch.smooth, str) else ""
 
 
 def _pose_line(watch: "PoseWatch", origin_s: float | None) -> str:

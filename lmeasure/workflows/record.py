@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     """Takes the state of a recording, and where its poses are, or why there are none."""
 
 
+LAG = option(
+    "Also show the pose and the speed of a smooth curve, so many seconds behind. It averages rounding of the counts.", ge=0.001, unit="s"
+)
+
+
 class RecordSettings(Writing):
     rig: Annotated[Path, RIG]
     bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, replay:FILE, ...", metavar="INTERFACE:CHANNEL")]
@@ -28,6 +33,7 @@ class RecordSettings(Writing):
     bus_option: Annotated[tuple[str, ...], option("Option for the bus interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
     fast: Annotated[bool, option("replay: run as fast as possible instead of in real time.")] = False
     live: Annotated[bool, option("Show counts, speeds, the pose, faults and latency live; --rerun then grows too.")] = False
+    lag_s: Annotated[float | None, LAG] = None
     rerun: Annotated[Recording | None, RERUN] = None
 
     def following(self) -> str:
@@ -42,7 +48,7 @@ def run_record(settings: RecordSettings, progress: Progress = silent, show: "Sho
     """Record a pass. show gets its state all the while with `live`. A recording that ends early is kept, and a failure."""
     from lmeasure.acquisition import record_session
 
-    pose = pose_watch(settings.rig, settings.start, settings.passage) if settings.live else ""
+    pose = pose_watch(settings.rig, settings.start, settings.passage, settings.lag_s) if settings.live else ""
     ending = Ending(progress)
     noted: list[str] = []
     with _growing(settings) as growing:
@@ -107,11 +113,12 @@ def _missing(settings: RecordSettings) -> str:
     return message("workflow.note_no_start_pose", where=where)
 
 
-def pose_watch(rig: Path, start: str | None, passage: int) -> "PoseWatch | str":
-    """Return the follower of a pass's poses for a rig's file from a start, compiled before the bus is opened, or the reason for none."""
-    from lmeasure.recording import start_from_text
+def pose_watch(rig: Path, start: str | None, passage: int, lag_s: float | None = None) -> "PoseWatch | str":
+    """Return the follower of a pass's poses for a rig's file from a start, compiled before the bus is opened, or the reason for none.
+    lag_s: of a curve that it follows too."""
+    from lmeasure.recording import Run, start_from_text
     from lmeasure.rig import read_linked_rig
-    from lmeasure.trajectory import LivePose, PoseWatch, enough_absolute
+    from lmeasure.trajectory import CurveStream, LivePose, PoseWatch, enough_absolute
 
     measured, calibration = read_linked_rig(rig)
     if start is None and not enough_absolute(measured):
@@ -119,11 +126,12 @@ def pose_watch(rig: Path, start: str | None, passage: int) -> "PoseWatch | str":
     try:
         known = None if start is None else start_from_text(start, measured)
         live = LivePose(measured, known, calibration, aside=True)
+        curve = None if lag_s is None else CurveStream(Run(measured, known, (), calibration), lag_s=lag_s)
     except (RigError, GeometryError, TrajectoryError) as error:
         return message("workflow.no_pose", error=str(error))
     if live.channels != tuple(measured.counters_of(passage)):
         return message("workflow.no_pose_channels")
-    return PoseWatch(live)
+    return PoseWatch(live, curve)
 
 
 def _growing(settings: RecordSettings) -> "AbstractContextManager[Callable[[Samples], None] | None]":
@@ -145,6 +153,7 @@ class WatchSettings(Asked):
     passage: Annotated[int, option("Number of the pass whose cables are connected.", flag="--pass", ge=1)] = 1
     bus_option: Annotated[tuple[str, ...], option("Option for the bus interface, such as host=... and port=...", metavar="KEY=VALUE")] = ()
     fast: Annotated[bool, option("replay: run as fast as possible instead of in real time.")] = False
+    lag_s: Annotated[float | None, LAG] = None
 
     def paths(self) -> Paths:
         return Paths((), (self.rig,))
@@ -157,7 +166,7 @@ def run_watch(settings: WatchSettings, progress: Progress = silent, show: "Show 
     from lmeasure.rig import read_linked_rig
 
     rig, _ = read_linked_rig(settings.rig)
-    pose = pose_watch(settings.rig, settings.start, settings.passage)
+    pose = pose_watch(settings.rig, settings.start, settings.passage, settings.lag_s)
     taker: Callable[[Samples], None] = (lambda samples: None) if isinstance(pose, str) else pose
     ending = Ending(progress)
 

@@ -77,7 +77,7 @@ def test_recording_shows_the_table_and_the_recording_is_whole_at_the_end(tmp_pat
     write_rig(tmp_path / "rig.toml", cell_rig(6))
     (tmp_path / "scenario.toml").write_text(SCENARIO)
     words = ["record", "--rig", tmp_path / "rig.toml", "--bus", f"simulated:{tmp_path / 'scenario.toml'}", "--out", tmp_path / "run"]
-    done = CliRunner().invoke(app, [str(w) for w in [*words, "--start", "0,0,0,0,0,0,1", "--live", "--rerun", tmp_path / "run.rrd"]])
+    done = CliRunner().invoke(app, [str(w) for w in [*words, "--start", "0,0,0,0,0,0,1", "--live", "--lag-s", "0.2", "--rerun", tmp_path / "run.rrd"]])
     assert done.exit_code == 0, done.output
     counts = read_counts(tmp_path / "run" / "pass1.csv")
     assert f"{7 * len(counts.time_s)} frames" in done.stderr
@@ -89,6 +89,9 @@ def test_recording_shows_the_table_and_the_recording_is_whole_at_the_end(tmp_pat
     assert place is not None
     np.testing.assert_allclose([float(x) for x in place[1].split(",")], last[:3], atol=1e-3)
     assert "frame to pose" in said
+    smooth = re.search(r"curve, 0\.[12]. s behind: \((.*?)\) mm U95", said)
+    assert smooth is not None
+    np.testing.assert_allclose([float(x) for x in smooth[1].split(",")], last[:3], atol=0.02)
     np.testing.assert_array_equal(shown(tmp_path / "run.rrd", "ch4"), counts.of("ch4"))
     # the same frames, looked at and not recorded
     there = sorted(tmp_path.rglob("*"))

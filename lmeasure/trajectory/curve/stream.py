@@ -1,7 +1,7 @@
 """The curve of a run that is still going on: poses with a fixed lag, at a constant cost per sample.
 
-Each quarter of the lag, the readings of the last two lags are fitted (`fit.Fit`), and the curve is evaluated where three quarters of a lag of
-readings follow. A curve depends on readings some knots away at most, so with a longer lag the poses tend to those of the whole run.
+Each quarter of the lag, the readings of the last two lags are fitted (`fit.Fit`). The curve is evaluated where three quarters of a lag
+of readings follow. A curve depends on readings some knots away at most, so with a longer lag the poses tend to those of the whole run.
 
 What the run shares (start, zeros, sub-count offsets, calibration) it shows over a longer time. With J and j the Schur complement of a
 window's equations on these variables, and its right side, windows that do not overlap add up: inverse covariance I + sum of J, and it times
@@ -45,7 +45,7 @@ class CurveStream:
     Raises
     ------
     TrajectoryError
-        If the rig has several passes, the lag is no positive time, or nothing determines the start.
+        If the rig has several passes, the lag is no positive time or shorter than eight knots, or nothing determines the start.
 
     Examples
     --------
@@ -87,8 +87,8 @@ class CurveStream:
         Return
         ------
         Instants or None
-            Poses and velocities of earlier samples, each once, whenever a quarter of the lag has passed; else None. Poses are NaN, and `why`
-            says the reason, where channels contradict each other or a gap is too long.
+            Poses and velocities of earlier samples, each once, whenever a quarter of the lag has passed; else None. Poses are NaN where
+            the counts do not fit a smooth motion (`why` is the reason) and in long gaps.
         """
         if self._time_s and not time_s > self._time_s[-1]:
             raise TrajectoryError(message("curve.backwards", time_s=time_s, last_s=self._time_s[-1]))
@@ -139,18 +139,16 @@ class CurveStream:
         lengths = self._lengths(slice(None), self._counters.copy())
         (trajectory,) = reconstruction.trajectories([lengths], covariances=False, place=self._place)
         time_s = lengths.time_s
+        spacing_s = max(KNOTS_S, float(np.median(np.diff(time_s)))) if self._spacing_s is None else self._spacing_s
+        if self.lag_s < LEAST_KNOTS * spacing_s:
+            raise TrajectoryError(message("curve.lag_short", lag_s=self.lag_s, least=LEAST_KNOTS, spacing_ms=1e3 * spacing_s))
         given = (time_s > self._done) & (time_s <= until_s)
         self._done, self.why = min(until_s, float(time_s[-1])), ""
         try:
-            if np.isfinite(trajectory.poses[:, 0]).sum() < ORDER:
-                raise TrajectoryError(message("curve.few", poses=int(np.isfinite(trajectory.poses[:, 0]).sum()), least=ORDER))
             readings = readings_of(reconstruction, lengths, trajectory, self._place.state)
-            spacing_s = max(KNOTS_S, float(np.median(np.diff(time_s)))) if self._spacing_s is None else self._spacing_s
-            if self.lag_s < LEAST_KNOTS * spacing_s:
-                raise TrajectoryError(message("curve.lag_short", lag_s=self.lag_s, least=LEAST_KNOTS, spacing_ms=1e3 * spacing_s))
             self.curve = self._fit(Fit(readings, spacing_s, reconstruction.budget.every, self._known))
         except TrajectoryError as error:
-            self.why, self._before = str(error), None
+            self.why, self._before, self.curve = str(error), None, None
             nowhere = np.full((int(given.sum()), 2, 6, 6), np.nan)
             return Instants(time_s[given], nowhere[:, 0, 0, [0, 1, 2, 3, 4, 5, 5]], nowhere[:, :, 0], nowhere, nowhere[:, :, :, :1])
         there = self.curve.at(time_s[given], rates=1)
@@ -161,13 +159,16 @@ class CurveStream:
 
     def _fit(self, fit: Fit) -> Curve:
         """The curve of a window, which begins as the last one ended."""
+        poses = int(np.isfinite(fit.readings.poses[:, 0]).sum())
+        if poses < ORDER:
+            raise TrajectoryError(message("curve.few", poses=poses, least=ORDER))
         control, begins = fit.begin(), fit.readings.lengths.time_s[0]
         if self._block is not None and begins > self._block_ends:
             J, j = self._block
             before, mean = fit.known
             self._known = fit.known = before + J, mean + j
             self._block = None
-        at = fit.begin_s + fit.spacing_s * np.arange(len(control.snap))
+        at = np.asarray(fit.begin_s + fit.spacing_s * np.arange(len(control.snap)), dtype=np.float64)
         if self._before is not None:
             times, last = self._before
             control.snap = last.snap[np.clip(np.searchsorted(times, at - 0.5 * fit.spacing_s), 0, len(times) - 1)]

@@ -8,7 +8,7 @@ import math
 import threading
 import time
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import scipy
@@ -29,6 +29,10 @@ from lmeasure.trajectory.reconstruction.runs import prepare
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction, new_run_state, reconstruction_of, zero_readings
 from lmeasure.trajectory.time.passes import align
 from lmeasure.trajectory.uncertainty.sources import Situation
+
+if TYPE_CHECKING:
+    from lmeasure.trajectory.curve.curve import Instants
+    from lmeasure.trajectory.curve.stream import CurveStream
 
 SAMPLES = 10**6  # Of a recording, for which a sound one gives an alarm of a contradiction once in `SIGNIFICANCE`
 
@@ -334,11 +338,13 @@ def enough_absolute(rig: Rig) -> bool:
 class PoseWatch:
     """Poses of a recording's samples as they come, and how long after its frames each was there.
 
-    latest: the last sample's pose, or None; poses: how many were `ok`; longest_s: the longest that one took to work out.
+    latest: the last sample's pose, or None; poses: how many were `ok`; longest_s: the longest that one took to work out. smooth: the last
+    poses of the curve, or the reason why there are none; None without a curve.
     """
 
-    def __init__(self, live: LivePose) -> None:
-        self._live = live
+    def __init__(self, live: LivePose, curve: "CurveStream | None" = None) -> None:
+        self._live, self._curve = live, curve
+        self.smooth: Instants | str | None = None
         self._covariance: FloatArray | None = None
         self._looked = -np.inf
         self.latest: LiveSample | None = None
@@ -362,7 +368,23 @@ class PoseWatch:
             self.longest_s = max(self.longest_s, time.perf_counter() - begin)
             self.poses += self.latest.status == "ok"
             self._time_s = time_s
+            if self._curve is not None:
+                self._smooth(self._curve, time_s, recorded)
         self._finished = time.time()
+
+    def _smooth(self, curve: "CurveStream", time_s: float, recorded: FloatArray) -> None:
+        try:
+            found = curve.push(time_s, recorded)
+        except LMeasureError as error:
+            self._curve, self.smooth = None, str(error)
+            return
+        if found is not None and len(found.time_s):
+            self.smooth = curve.why or found
+
+    @property
+    def time_s(self) -> float:
+        """Return the time of the last sample [s]."""
+        return self._time_s
 
     def angles(self) -> list[tuple[str, float]]:
         """Angles of the latest pose in the rig's convention: name and value [deg]."""
