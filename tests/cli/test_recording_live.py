@@ -77,7 +77,9 @@ def test_recording_shows_the_table_and_the_recording_is_whole_at_the_end(tmp_pat
     write_rig(tmp_path / "rig.toml", cell_rig(6))
     (tmp_path / "scenario.toml").write_text(SCENARIO)
     words = ["record", "--rig", tmp_path / "rig.toml", "--bus", f"simulated:{tmp_path / 'scenario.toml'}", "--out", tmp_path / "run"]
-    done = CliRunner().invoke(app, [str(w) for w in [*words, "--start", "0,0,0,0,0,0,1", "--live", "--lag-s", "0.2", "--rerun", tmp_path / "run.rrd"]])
+    done = CliRunner().invoke(
+        app, [str(w) for w in [*words, "--start", "0,0,0,0,0,0,1", "--live", "--lag-s", "0.2", "--rerun", tmp_path / "run.rrd"]]
+    )
     assert done.exit_code == 0, done.output
     counts = read_counts(tmp_path / "run" / "pass1.csv")
     assert f"{7 * len(counts.time_s)} frames" in done.stderr

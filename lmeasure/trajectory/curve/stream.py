@@ -24,7 +24,7 @@ from lmeasure.trajectory.reconstruction.screw_method import Place, Reconstructio
 from lmeasure.trajectory.time.passes import align
 
 HOPS = 4  # Fits in a lag
-KNOTS_S = 8e-3  # Interval of the knots, if the samples are not farther apart
+KNOTS_S = 8e-3  # Interval of the knots, if samples are not farther apart and fit; else it is halved down to half the samples' interval
 AGAIN = 3  # Rounds of a fit that begins with the smoothness of the one before
 LEAST_KNOTS = 8  # Intervals of knots in a lag at least: what is farther off hardly acts on a pose
 MISFIT = 1.5  # Mean square of residuals, in standard uncertainties, from which readings contradict each other or the knots
@@ -40,7 +40,7 @@ class CurveStream:
     lag_s
         Longest time [s] from a sample to its pose. At least three quarters of it are used to smooth.
     spacing_s
-        Interval of the knots [s]; by default 8 ms, or that of the samples if it is longer.
+        Interval of the knots [s]; by default 8 ms, or that of the samples if it is longer, and less where the counts ask for it.
 
     Raises
     ------
@@ -77,6 +77,7 @@ class CurveStream:
         self._place: Place | None = None
         self._reconstruction: Reconstruction | None = None
         self._due = self._done = self._block_ends = -np.inf
+        self._knots_s = np.inf
         self._known: Known | None = None
         self._block: Known | None = None  # What the last of the windows that do not overlap shows
         self._before: tuple[FloatArray, Control] | None = None  # Times of the control poses of the last fit
@@ -139,16 +140,28 @@ class CurveStream:
         lengths = self._lengths(slice(None), self._counters.copy())
         (trajectory,) = reconstruction.trajectories([lengths], covariances=False, place=self._place)
         time_s = lengths.time_s
-        spacing_s = max(KNOTS_S, float(np.median(np.diff(time_s)))) if self._spacing_s is None else self._spacing_s
-        if self.lag_s < LEAST_KNOTS * spacing_s:
-            raise TrajectoryError(message("curve.lag_short", lag_s=self.lag_s, least=LEAST_KNOTS, spacing_ms=1e3 * spacing_s))
+        period_s = float(np.median(np.diff(time_s)))
+        widest_s, finest_s = (max(KNOTS_S, period_s), 0.5 * period_s) if self._spacing_s is None else (self._spacing_s,) * 2
+        if self.lag_s < LEAST_KNOTS * widest_s:
+            raise TrajectoryError(message("curve.lag_short", lag_s=self.lag_s, least=LEAST_KNOTS, spacing_ms=1e3 * widest_s))
         given = (time_s > self._done) & (time_s <= until_s)
         self._done, self.why = min(until_s, float(time_s[-1])), ""
-        try:
-            readings = readings_of(reconstruction, lengths, trajectory, self._place.state)
-            self.curve = self._fit(Fit(readings, spacing_s, reconstruction.budget.every, self._known))
-        except TrajectoryError as error:
-            self.why, self._before, self.curve = str(error), None, None
+        readings, self.curve = readings_of(reconstruction, lengths, trajectory, self._place.state), None
+        if self._known is not None and self._block is not None and time_s[0] > self._block_ends:
+            (before, mean), (J, j) = self._known, self._block
+            self._known, self._block = (before + J, mean + j), None
+            self._knots_s *= 2.0  # The robot may move less sharply by now
+        self._knots_s = min(self._knots_s, widest_s)
+        while self.curve is None:
+            try:
+                self.curve = self._fit(Fit(readings, self._knots_s, reconstruction.budget.every, self._known))
+            except TrajectoryError as error:
+                self._before = None
+                if self._knots_s <= finest_s:
+                    self.why = str(error)
+                    break
+                self._knots_s = max(0.5 * self._knots_s, finest_s)
+        if self.curve is None:
             nowhere = np.full((int(given.sum()), 2, 6, 6), np.nan)
             return Instants(time_s[given], nowhere[:, 0, 0, [0, 1, 2, 3, 4, 5, 5]], nowhere[:, :, 0], nowhere, nowhere[:, :, :, :1])
         there = self.curve.at(time_s[given], rates=1)
@@ -162,12 +175,7 @@ class CurveStream:
         poses = int(np.isfinite(fit.readings.poses[:, 0]).sum())
         if poses < ORDER:
             raise TrajectoryError(message("curve.few", poses=poses, least=ORDER))
-        control, begins = fit.begin(), fit.readings.lengths.time_s[0]
-        if self._block is not None and begins > self._block_ends:
-            J, j = self._block
-            before, mean = fit.known
-            self._known = fit.known = before + J, mean + j
-            self._block = None
+        control, self._known = fit.begin(), fit.known
         at = np.asarray(fit.begin_s + fit.spacing_s * np.arange(len(control.snap)), dtype=np.float64)
         if self._before is not None:
             times, last = self._before
