@@ -139,6 +139,41 @@ def test_a_start_with_another_orientation_is_not_taken_for_a_part_that_moved() -
     assert verdict_text(beside).startswith("the start pose differs from the stated one by 102 mm")
 
 
+def one_point(*, place: tuple[float, float, float], drum: float = 1.0) -> Run:
+    """A run of four cables to one point of a tool; the first drum pays out `drum` times as much as its rig says."""
+    data = cell_rig(3).to_dict()
+    data["cable"] = [c | {"to": "P1"} for c in data["cable"]][:4]
+    data["observation_point"], data["tool"] = data["observation_point"][:4], {"P1": place}
+    rig = rig_from_dict(data)
+    legs = [Leg(np.array([*there, 0.0, 0.0, 0.0, 1.0]), 800.0, 60.0, 0.5) for there in (*PLACES, (0, 0, 0), *PLACES[::-1], (0, 0, 0))]
+    time_s, poses = smooth_path(HOME, legs, 50.0)
+    time_s, poses = np.r_[np.arange(30) / 50.0, time_s + 0.6], np.vstack([np.repeat(poses[:1], 30, axis=0), poses])
+    data["observation_point"][0]["drum"]["count_length_mm"] *= drum
+    return replace(simulate_run(rig_from_dict(data), time_s, poses, noise_mm=0.0, rng=np.random.default_rng(2)).run, rig=rig)
+
+
+def test_cables_to_one_point_are_checked_by_its_position() -> None:
+    """Every stop was taken for one place: four cables' readings are fewer than six."""
+    found = check_instrument(one_point(place=(30.0, -20.0, 80.0)), (), LIMITS)
+    assert found.stops.place.tolist() == [0, 1, 2, 3, 4, 0, 4, 3, 2, 1, 0]
+    np.testing.assert_allclose(found.stops.poses[1, :3], np.add(PLACES[0], (30.0, -20.0, 80.0)), atol=0.05)
+    assert found.passed
+    wrong = check_instrument(one_point(place=(30.0, -20.0, 80.0), drum=1.003), (), LIMITS)
+    assert wrong.disagrees
+    assert ("drum", "B1") in {(c.kind, c.name) for c in wrong.causes}
+
+
+def test_a_cable_that_was_not_read_is_named() -> None:
+    """Only the stops before it were checked, and they passed."""
+    run, _ = run_of(true_rig(swivels=False), 1, swivels=False)
+    counts = run.passes[0]
+    recorded = counts.recorded.copy()
+    recorded[counts.time_s > 2.0, 1] = np.nan
+    lost = replace(counts, recorded=recorded)
+    with pytest.raises(TrajectoryError, match="ch2 has no counts in .* % of the run, first at 2.02 s"):
+        check_instrument(replace(run, passes=(lost,)), (), LIMITS)
+
+
 def test_a_robot_that_does_not_come_back_fails_its_return() -> None:
     found = checked(true_rig(), 6, off_mm=0.4)
     assert {c.kind for c in found.failed} >= {"return"}

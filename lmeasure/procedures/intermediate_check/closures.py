@@ -19,6 +19,8 @@ from lmeasure.sensors import Lengths, last_travel
 from lmeasure.text import message
 from lmeasure.trajectory import SETTLED, VISIT_LAG_S, Budget, PoseCovariances, RestFinder
 
+MISSED = 0.05
+"""Part of a run for which a cable need not be read: stops in it are not seen."""
 BETWEEN = 60
 """Samples between two stops at which the tool is followed."""
 STEPS = 40
@@ -64,6 +66,11 @@ def find_stops(budget: Budget, lengths: Lengths, source: str, near_mm: float, *,
     rig = budget.rig
     finder = RestFinder()
     of_cables = lengths.of_cables()
+    missing = ~np.isfinite(of_cables.change_mm)
+    if (share := missing.mean(axis=0)).max() > MISSED:
+        j = int(np.argmax(share))
+        at = {"since": float(lengths.time_s[missing[:, j].argmax()]), "percent": 100.0 * float(share[j])}
+        raise TrajectoryError(message("error.check_misses_channel", where=source, channel=rig.cable[j].channel, **at))
     finder.add(lengths.time_s, of_cables.change_mm)
     rests = finder.rests()
     if len(rests) < 2:
@@ -72,7 +79,7 @@ def find_stops(budget: Budget, lengths: Lengths, source: str, near_mm: float, *,
     n, m = len(rests), lengths.change_mm.shape[1]
     readings, counts, poses = np.full((n, m), np.nan), np.full((n, m), np.nan), np.empty((n, 7))
     travel = last_travel(np.where(np.isfinite(lengths.counts), lengths.counts, 0.0), 1.0 / rig.scales(rig.observed))
-    ways, at, pose = np.zeros((n, m)), 0, budget.model.start
+    ways, at, pose = np.zeros((n, m)), 0, budget.model.zero_pose
     for i, (begin, end) in enumerate(zip(rests.begin_s, rests.end_s, strict=True)):
         settled = (lengths.time_s >= begin + (1.0 - SETTLED) * (end - begin)) & (lengths.time_s <= end - VISIT_LAG_S)
         rows = np.flatnonzero(settled)
@@ -83,7 +90,7 @@ def find_stops(budget: Budget, lengths: Lengths, source: str, near_mm: float, *,
         for row in np.linspace(at, rows[0], BETWEEN).astype(np.intp):
             pose = path.pose(lengths.change_mm[row], pose)
         pose = path.pose(readings[i], pose)
-        if not np.isfinite(path.residual(readings[i], pose)[seen]).all():
+        if seen.sum() < len(budget.scheme.free) or not np.isfinite(path.residual(readings[i], pose)[seen]).all():
             raise TrajectoryError(message("error.no_pose_has_the", where=source, begin=begin))
         poses[i], at = pose, int(rows[-1])
     return Stops(rests.begin_s, rests.end_s, _places(poses, near_mm), readings, counts, poses, ways)
@@ -93,10 +100,10 @@ class Path:
     """Poses of a run, each from the one before, by weighted least squares of all channels that were read."""
 
     def __init__(self, budget: Budget, zero: FloatArray | None = None) -> None:
-        self._rows = budget.scheme.rows
+        self._rows, self._free = budget.scheme.rows, budget.scheme.free_index
         self._weight = 1.0 / np.sqrt(budget.length_variance)
         self._angles = self._rows[:, KIND] > CABLE
-        begun = span_lengths(self._rows, budget.model.start[None])[0]
+        begun = span_lengths(self._rows, budget.model.zero_pose[None])[0]
         self._zero = np.where(budget.absolute, 0.0, begun) if zero is None else zero
 
     def residual(self, reading: FloatArray, pose: FloatArray) -> FloatArray:
@@ -107,16 +114,16 @@ class Path:
 
     def pose(self, reading: FloatArray, near: FloatArray) -> FloatArray:
         """(7,) the pose that has the reading, near another; that other where too little was read."""
-        pose, used = near, np.isfinite(reading)
-        if used.sum() < 6:
+        pose, used, step = near, np.isfinite(reading), np.zeros(6)
+        if used.sum() < len(self._free):
             return near
         scale = np.repeat([1.0 / SIZE_MM, 1.0], 3)
         for _ in range(STEPS):
-            J = (span_rows(self._rows, pose) * scale)[used] * self._weight[used, None]
+            J = (span_rows(self._rows, pose) * scale)[np.ix_(used, self._free)] * self._weight[used, None]
             off = self.residual(reading, pose)[used] * self._weight[used]
             if not (np.isfinite(J).all() and np.isfinite(off).all()):
                 return near
-            step = np.linalg.lstsq(J, off)[0]
+            step[self._free] = np.linalg.lstsq(J, off)[0]
             pose = se3.displaced(pose, step * scale)
             if np.abs(step).max() < SMALL_MM:
                 break
@@ -156,14 +163,15 @@ def closures(
     `SIZE_MM`."""
     robot = np.diag(np.repeat([(repeatability_mm / SIZE_MM) ** 2, repeatability_mm**2], 3))
     return (
-        *_returns(stops, known, robot),
+        *_returns(stops, known, robot, budget.scheme.free_index),
         *_reversals(budget, stops, repeatability_mm),
         *_drifts(budget, stops, repeatability_mm),
         *(_distance(stops, known, each, repeatability_mm) for each in distances),
     )
 
 
-def _returns(stops: Stops, known: PoseCovariances, robot: FloatArray) -> list[Closure]:
+def _returns(stops: Stops, known: PoseCovariances, robot: FloatArray, free: IntArray) -> list[Closure]:
+    """Return the distance of each later visit of a place from the first one, in the freedoms (f,) that the rig measures."""
     out = []
     for place in range(int(stops.place.max()) + 1):
         first, *later = stops.visits(place)
@@ -171,13 +179,13 @@ def _returns(stops: Stops, known: PoseCovariances, robot: FloatArray) -> list[Cl
             apart = se3.displacement(stops.poses[i], stops.poses[first])
             moved = known.factors[i] - known.factors[first]
             C = known.random[i] + known.random[first] + moved @ moved.T + 2.0 * robot
-            chi2 = float(apart @ np.linalg.solve(C, apart))
+            chi2 = float(apart[free] @ np.linalg.solve(C[np.ix_(free, free)], apart[free]))
             # the last visit of where the run began is the return of the whole
             whole = place == stops.place[0] and i == stops.visits(place)[-1]
             name = f"P{place + 1} ({number})"
             radius = float(radii_95(C[None, 3:, 3:])[0])
             size = float(np.linalg.norm(apart[3:]))
-            out.append(Closure("return" if whole else "revisit", name, size, radius, float(scipy.stats.chi2.sf(chi2, 6))))
+            out.append(Closure("return" if whole else "revisit", name, size, radius, float(scipy.stats.chi2.sf(chi2, len(free)))))
     return out
 
 

@@ -158,7 +158,7 @@ class Together:
         counts = np.nan_to_num(self._epochs.counts)
         since = ~budget.absolute
         g = length_gradients(rows, np.ascontiguousarray(poses), counts, budget.scales)
-        at_start = length_gradients(rows, budget.model.start[None], np.zeros((1, len(rows))), budget.scales)[0]
+        at_start = length_gradients(rows, budget.model.zero_pose[None], np.zeros((1, len(rows))), budget.scales)[0]
         g = g - np.where(since[:, None], at_start, 0.0)
         for point in budget.rig.observation_point:
             own = np.array([o.from_point == point.name for o in observed])
@@ -177,7 +177,7 @@ class Together:
                 yield "drum", o.from_point, "%", 100.0, np.where(own, g[:, :, BY_SCALE], 0.0)[:, :, None]
         if not self.start_known:
             return
-        begun = np.where(since[:, None], span_rows(rows, budget.model.start), 0.0)
+        begun = np.where(since[:, None], span_rows(rows, budget.model.zero_pose), 0.0)
         yield "start", "start pose", "mm", 1.0, np.broadcast_to(begun, (len(poses), *begun.shape))
 
 
