@@ -44,19 +44,19 @@ def test_the_simulator_has_the_law_of_the_rig(study: ModuleType) -> None:
 
 
 @pytest.mark.parametrize(
-    ("world", "error_mm", "u_mm", "said"),
+    ("world", "mode", "error_mm", "u_mm", "said"),
     [
-        ("sound", 0.03, 0.05, ""),
-        ("attachments 2 mm", 0.05, 0.08, "larger"),
-        ("a typing error of 10 mm", 0.03, 0.05, "outlier"),
-        ("references of a robot 0.3 mm", 0.1, 0.2, ""),
-        ("friction 30 counts", 0.95, 0.8, "larger"),
+        ("sound", "unstated", 0.03, 0.05, ""),
+        ("attachments 2 mm", "unstated", 0.05, 0.08, "larger"),
+        ("attachments 2 mm", "stated", 0.06, 0.15, "misfit"),
+        ("a typing error of 10 mm", "unstated", 0.03, 0.05, "outlier"),
+        ("references of a robot 0.3 mm", "unstated", 0.1, 0.2, ""),
+        ("friction 30 counts", "stated", 0.95, 0.8, "misfit"),
     ],
 )
-def test_what_is_not_stated_is_estimated(study: ModuleType, world: str, error_mm: float, u_mm: float, said: str) -> None:
-    """Errors of a motion measured afterwards: as small as if the sizes were known, and within what is stated of them."""
-    got = study.draw(1, world, "unstated")
-    print(got)
+def test_sizes_are_estimated(study: ModuleType, world: str, mode: str, error_mm: float, u_mm: float, said: str) -> None:
+    """Errors of a later motion are as small as with known sizes, and within U95. Stated sizes of broken worlds are typical."""
+    got = study.draw(1, world, mode)
     assert got["error_mm"] < error_mm
     assert got["u_mm"] < u_mm
     assert got["inside"] >= 0.93

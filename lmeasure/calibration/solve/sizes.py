@@ -12,7 +12,7 @@ import numpy as np
 
 from lmeasure.calibration.solve.noise import ASSUMED
 from lmeasure.calibration.solve.reference_field import fields
-from lmeasure.calibration.solve.unknowns import TRAVEL, Model
+from lmeasure.calibration.solve.unknowns import TRAVEL, Model, doubt_of, factor_of
 from lmeasure.core import FloatArray
 from lmeasure.estimation import Fit, Sizes, fit, sizes
 from lmeasure.rig import TYPICAL_SIZES, Rig
@@ -23,6 +23,8 @@ SWEEPS = 40
 NEAR = 3.0
 """Standard uncertainties by which a fit may move while its laws stay the same."""
 PLAY = "play"
+CLEARLY = 1.5
+"""Stated sizes from which an estimated band replaces the stated one."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ def with_estimated_sizes(model: Model, found: Fit, seed: int = 0) -> Sized | Non
 
 def _play(model: Model, found: Fit) -> dict[str, float]:
     """Root mean square of half the band of each drum in units of the typical one, under a fit with estimated sizes."""
-    band, out = model.assumed_play_mm, dict[str, float]()
+    band, out = model.doubted_play_mm, dict[str, float]()
     if not band.any():
         return out
     own = model.sizes[TRAVEL] * model.travel_shifts(band)
@@ -92,8 +94,9 @@ def _play(model: Model, found: Fit) -> dict[str, float]:
 
 
 def with_play(rig: Rig, variables: list[Variable], play: dict[str, float]) -> Rig:
-    """The rig with the estimated play of each drum stated where it was assumed."""
-    own = {(v.owner, v.kind.key): v.u * play[v.owner] for v in variables if v.assumed and v.kind.adds is None and v.owner in play}
+    """Return the rig with the estimated play of each drum stated if it was unstated, or is clearly larger than stated."""
+    every = [(v, factor_of(v, {v.kind.code: play[v.owner]})) for v in variables if v.kind.adds is None and v.owner in play]
+    own = {(v.owner, v.kind.key): v.u * factor for v, factor in every if v.assumed or factor > CLEARLY}
     points = [
         p.model_copy(update={"drum": p.drum.model_copy(update={key: u for (owner, key), u in own.items() if owner == p.name})})
         for p in rig.observation_point
@@ -108,12 +111,12 @@ def _components(model: Model, found: Fit) -> tuple[FloatArray, dict[str, FloatAr
     absent = model.noise.absent if model.places_known else ()
     typical, out = model.with_sizes({}), dict[str, FloatArray]()
     shifts, of = typical.unsolved_shifts(theta), _columns(typical)
-    for code in dict.fromkeys(v.kind.code for v in of if v.assumed):
-        own = shifts[:, [v.assumed and v.kind.code == code for v in of]]
+    for code in dict.fromkeys(v.kind.code for v in of):
+        own = shifts * [doubt_of(v) * (v.kind.code == code) for v in of]
         out[code] = own @ own.T
-    band = model.assumed_play_mm * math.sqrt(0.5)
+    band = model.doubted_play_mm * math.sqrt(0.5)
     if band.any():
-        # how the cables came to the poses is not known: the typical band has both laws in equal parts
+        # how the cables came to the poses is not known: the band has both laws in equal parts
         out[PLAY], out[TRAVEL] = model.play_covariance(band), model.travel_covariance(band)
     J = model.pose_jacobian(theta) if absent else np.zeros((model.equations, 0, 6))
     visits = model.campaign.reference_of[:, None] == np.arange(len(model.campaign.poses))
@@ -138,7 +141,7 @@ def _columns(model: Model) -> list[Variable]:
 def _sized(model: Model, size: dict[str, float]) -> Model:
     """The model with sizes in units of the typical ones."""
     half = {name: math.sqrt(0.5) * size[name] for name in (PLAY, TRAVEL) if name in size}
-    every = size | {v.kind.code: half[PLAY] for v in model.variables if v.kind.adds is None and v.assumed} | half
+    every = size | {v.kind.code: half[PLAY] for v in model.variables if v.kind.adds is None} | half
     noise = model.noise
     if noise.absent and model.places_known:
         own = [ASSUMED[name] * size.get(name, 0.0) for name in ("position", "rotation")]
@@ -154,10 +157,10 @@ def _moments(model: Model, found: Fit, drawn: Sizes) -> tuple[FloatArray, FloatA
     C, of, J, r = typical.unsolved_shifts(found.theta), _columns(typical), found.determined, found.residuals
     back = found.directions[found.known].T * found.problem.parameters.width[:, None]
     u = np.array([v.u for v in of])
-    moved, covariances, own = [], np.array(list(parts.values())), [list(parts).index(v.kind.code) if v.assumed else -1 for v in of]
-    for size in np.column_stack([drawn.draws, np.ones(len(drawn.draws))]):
-        scale = size[own]
-        E = np.linalg.inv(V + np.tensordot(size[:-1] ** 2, covariances, 1))
+    moved, covariances = [], np.array(list(parts.values()))
+    for size in drawn.draws:
+        scale = np.array([factor_of(v, dict(zip(parts, size.tolist(), strict=True))) for v in of])
+        E = np.linalg.inv(V + np.tensordot(size**2, covariances, 1))
         step = -np.linalg.solve(J.T @ E @ J, J.T @ E @ r)
         z = -(C * scale).T @ E @ (r + J @ step)
         moved.append(np.r_[back @ step[: back.shape[1]], step[back.shape[1] :], u * scale * z])

@@ -37,13 +37,7 @@ from lmeasure.calibration.solve.unknown_poses import counted_poses, free_compone
 from lmeasure.calibration.solve.unknowns import Model, rig_with
 from lmeasure.calibration.validation import observability
 from lmeasure.calibration.validation.diagnosis import Diagnosis, diagnose
-from lmeasure.calibration.validation.findings import (
-    larger_than_typical,
-    poses_findings,
-    shape_findings,
-    underdetermined,
-    unknown_temperature,
-)
+from lmeasure.calibration.validation.findings import larger_errors, poses_findings, shape_findings, underdetermined, unknown_temperature
 from lmeasure.calibration.validation.guard import AgainstNominal, against_nominal
 from lmeasure.calibration.validation.hold_out import HeldOut, held_out, shifted_lengths
 from lmeasure.calibration.validation.misfit import explain_misfit
@@ -310,7 +304,7 @@ def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Pro
     open_directions = underdetermined(campaign, model, silent, predict(campaign, rig, held, settings.seed, solved=True))
     record = record.model_copy(
         update={
-            "warnings": (*record.warnings, *larger_than_typical(sized, dimensions), *open_directions, *unknown_temperature(campaign)),
+            "warnings": (*record.warnings, *larger_errors(sized, dimensions), *open_directions, *unknown_temperature(campaign)),
             "sizes": () if explained.sized is None else explained.sized.rows,
             "effects": solved_effects(model, found, estimated=explained.estimated),
             "effects_shown": shown,

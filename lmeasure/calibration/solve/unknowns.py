@@ -17,13 +17,25 @@ from lmeasure.estimation import Parameters
 from lmeasure.kernels import BY_ATTACHMENT, COUNT_LENGTH, length_gradients
 from lmeasure.recording import Poses
 from lmeasure.rig import Rig, SensorTable, with_values
-from lmeasure.sensors import ATTACHMENT, ECCENTRICITY, PART_ECCENTRICITY, PART_RUN_OUT, PLAY, RUN_OUT, Unsolved, Zero
+from lmeasure.sensors import ATTACHMENT, ECCENTRICITY, PART_ECCENTRICITY, PART_RUN_OUT, PLAY, RUN_OUT, Unsolved, Variable, Zero
 
 TURNING = {RUN_OUT: PART_RUN_OUT, ECCENTRICITY: PART_ECCENTRICITY}
 """Errors that depend on the angle of drum and pulley at zeroing, and their kind in `sensors.Parts`."""
 
+DOUBTED = 0.3
+"""Typical excess of an error over its stated size, as a part of that size."""
 TRAVEL = "travel"
 """Play of cables that came straight from pose to pose, among the sizes of a model."""
+
+
+def doubt_of(v: Variable) -> float:
+    """Return the part of an error's size that residuals determine: all of an unstated one."""
+    return 1.0 if v.assumed else DOUBTED
+
+
+def factor_of(v: Variable, sizes: Mapping[str, float]) -> float:
+    """Return the factor of an error's size: of an unstated one the size of its kind, of a stated one that of the excess beside 1."""
+    return sizes.get(v.kind.code, 1.0) if v.assumed else math.hypot(1.0, DOUBTED * sizes.get(v.kind.code, 0.0))
 
 
 class Model(Residuals):
@@ -41,10 +53,10 @@ class Model(Residuals):
         return out
 
     def with_sizes(self, sizes: Mapping[str, float]) -> Self:
-        """The same with other sizes of the errors that are assumed: times a factor, by the code of their kind."""
+        """Return the model with other sizes of its errors, by the code of their kind (`factor_of`)."""
         out, campaign = copy.copy(self), self.campaign
         out.sizes = sizes
-        own = [replace(v, u=v.u * sizes.get(v.kind.code, 1.0)) if v.assumed else v for v in self.variables]
+        own = [replace(v, u=v.u * factor_of(v, sizes)) for v in self.variables]
         out.unsolved = Unsolved(campaign.rig, [v for v in own if v.u], campaign.drums)
         return out
 
@@ -169,12 +181,12 @@ class Model(Residuals):
             return None
         shifts = self.unsolved_shifts(theta)
         V = np.asarray(shifts @ shifts.T + self.play_covariance(play, begun))
-        return V + self.sizes[TRAVEL] ** 2 * self.travel_covariance(self.assumed_play_mm) if TRAVEL in self.sizes else V
+        return V + self.sizes[TRAVEL] ** 2 * self.travel_covariance(self.doubted_play_mm) if TRAVEL in self.sizes else V
 
     @property
-    def assumed_play_mm(self) -> FloatArray:
-        """Return (m,) typical half widths of the band [mm] of cables without a statement, 0 of others."""
-        band = [v for v in self.variables if v.assumed and v.kind.adds is None]
+    def doubted_play_mm(self) -> FloatArray:
+        """Return (m,) half widths of the band [mm] that a size of 1 adds, 0 of channels without a band."""
+        band = [replace(v, u=v.u * doubt_of(v)) for v in self.variables if v.kind.adds is None]
         # encoders of angles have none
         return np.append(Unsolved(self.campaign.rig, band, self.campaign.drums).play_mm, np.zeros(len(self._scales) - self._drums))
 

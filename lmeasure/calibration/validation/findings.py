@@ -11,7 +11,7 @@ from lmeasure.calibration.solve.lp_search import Box
 from lmeasure.calibration.solve.points import Point
 from lmeasure.calibration.solve.prediction import Prediction
 from lmeasure.calibration.solve.sizes import Sized
-from lmeasure.calibration.solve.unknowns import Model
+from lmeasure.calibration.solve.unknowns import Model, factor_of
 from lmeasure.core import FloatArray
 from lmeasure.estimation import Fit, Parameters
 from lmeasure.rig import GUIDE, PLACE, STEEL_PER_K, TYPICAL_SIZES, Finding, Unobservable
@@ -73,24 +73,25 @@ def _unstated_expansion(campaign: Campaign, warm: FloatArray) -> list[Finding]:
     return [Finding(code="temperature", text=message("expansion.campaign", kelvin=off, at_deg_c=mean, mm=mm), value=mm)]
 
 
-def larger_than_typical(sized: Sized | None, dimensions: Dimensions) -> list[Finding]:
-    """Return the kinds of parts whose errors are much larger than the typical ones that were assumed, with the worst part of each."""
+def larger_errors(sized: Sized | None, dimensions: Dimensions) -> list[Finding]:
+    """Return the kinds of parts whose errors are much larger than their stated or typical sizes, with the worst part of each."""
     if sized is None:
         return []
-    out, sizes = [], [(_least_size(v, sized, dimensions), v) for v in sized.model.variables if v.assumed and v.kind != BACKLASH]
+    out, sizes = [], [(_least_size(v, sized, dimensions), v) for v in sized.model.variables if v.kind != BACKLASH]
     for kind in dict.fromkeys(v.kind for _, v in sizes):
         size, v = max((pair for pair in sizes if pair[1].kind is kind), key=lambda pair: pair[0])
         whole = _group_size([v for _, v in sizes if v.kind is kind and kind.adds is not None], dimensions)
-        values = {"part": v.owner, "size": TYPICAL_SIZES[kind.key].size, "key": kind.key}
+        values = {"what": kind.said, "part": v.owner, "key": kind.key, "size": TYPICAL_SIZES[kind.key].size if v.assumed else ""}
+        of, code = ("", "larger") if v.assumed else ("_stated", "misfit")
         if size > LARGER:
-            out.append(Finding(code="larger", text=message("calibration.larger", what=kind.said, times=size, **values), value=size))
+            out.append(Finding(code=code, text=message(f"calibration.larger{of}", times=size, **values), value=size))
         elif whole:
-            out.append(Finding(code="larger", text=message("calibration.larger_all", what=kind.said, times=whole, **values), value=whole))
+            out.append(Finding(code=code, text=message(f"calibration.larger_all{of}", times=whole, **values), value=whole))
     return out
 
 
 def _group_size(parts: list[Variable], dimensions: Dimensions) -> float:
-    """Return the root mean square of the errors of parts of one kind in units of the typical size; 0 where chance explains it, or their own
+    """Return the root mean square of the errors of parts of one kind in units of their sizes; 0 where chance explains it, or their own
     uncertainty."""
     at, u = [dimensions.names.index(name) for v in parts for name in v.names], np.array([v.u for v in parts for _ in v.names])
     z = dimensions.correction[at] / u
@@ -101,9 +102,9 @@ def _group_size(parts: list[Variable], dimensions: Dimensions) -> float:
 
 
 def _least_size(v: Variable, sized: Sized, dimensions: Dimensions) -> float:
-    """Return how large the error of a part is at least (with 95 %), in units of the typical size."""
+    """Return how large the error of a part is at least (with 95 %), in units of its typical or stated size."""
     if v.kind.adds is None:
-        return sized.play.get(v.owner, 0.0)
+        return factor_of(v, {v.kind.code: sized.play.get(v.owner, 0.0)})
     at = [dimensions.names.index(name) for name in v.names]
     return float(np.max(np.abs(dimensions.correction[at]) - 2.0 * np.sqrt(np.diag(dimensions.covariance)[at]))) / v.u
 
