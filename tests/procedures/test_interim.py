@@ -170,7 +170,7 @@ def test_a_cable_that_was_not_read_is_named() -> None:
     recorded = counts.recorded.copy()
     recorded[counts.time_s > 2.0, 1] = np.nan
     lost = replace(counts, recorded=recorded)
-    with pytest.raises(TrajectoryError, match="ch2 has no counts in .* % of the run, first at 2.02 s"):
+    with pytest.raises(TrajectoryError, match=r"ch2 has no counts in .* % of the run, first at 2.02 s"):
         check_instrument(replace(run, passes=(lost,)), (), LIMITS)
 
 
