@@ -735,8 +735,8 @@ def plot(what: Any, rig: "Rig | Calibration | File | None" = None) -> "Figure":
     Parameters
     ----------
     what
-        Rig, poses, counts, lengths, run, calibration, trajectory, zone, plan, placement, program, evaluation, certificate, identification,
-        corrections, structure or its boundary.
+        Rig, poses, counts, lengths, run, calibration, trajectory, zone or one of its variables, plan, placement, program, evaluation,
+        certificate, identification, corrections, structure or its boundary.
     rig
         Rig to draw with a zone or a trajectory.
 

@@ -267,15 +267,7 @@ class Found(NamedTuple):
 
     def parts(self, say: Say) -> "list[Part]":
         """Return the steps of the page: a sentence, a picture, a file and a command each."""
-        from lmeasure.report import (
-            Part,
-            distances_figure,
-            errors_beside_figure,
-            fault_figure,
-            playing_figure,
-            residuals_figure,
-            space_figure,
-        )
+        from lmeasure.report import Part, distances_figure, errors_beside_figure, fault_figure, playing_figure, residuals_figure, u95_figure
 
         run, calibration, inside = self.run, self.calibration, self.zone["in_zone"].values.astype(bool)
         best = float(self.zone["u95_position_mm"].values[inside].min()) if inside.any() else math.nan
@@ -301,7 +293,7 @@ class Found(NamedTuple):
             ),
             Part(
                 text("demo_page.zone"), text("demo_page.zone.text", volume=_volume(self.zone), best=best),
-                space_figure(self.zone, run.rig, say), "zone.html", "lmeasure zone calibration/rig.toml --out zone.nc --report zone",
+                u95_figure(self.zone, say, every=True), "zone.html", "lmeasure zone calibration/rig.toml --out zone.nc --report zone",
             ),
             Part(
                 text("demo_page.fault"), text("demo_page.fault.text", counts=LOST_COUNTS, at=at, samples=len(bad)),

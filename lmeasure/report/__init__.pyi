@@ -36,5 +36,5 @@ from .trajectory import (
     trajectory_summary as trajectory_summary,
     write_trajectory_page as write_trajectory_page,
 )
-from .zone_figures import space_figure as space_figure
+from .zone_figures import u95_figure as u95_figure
 from .zone_html import write_zone_page as write_zone_page, write_zone_report as write_zone_report

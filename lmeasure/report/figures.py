@@ -64,11 +64,11 @@ LEGEND_HIGH, LINE = 10, 19
 MOST_HIGH, WIDE, LABELLED = 80.0, 90.0, 1.9
 """Largest height and width of a scene on a telephone, in hundredths of the window's width, and the factor for figures and names at its
 axes."""
-GRID = "#a9b4bf"
+GRID = "rgba(122, 135, 148, 0.4)"
 """Lines that are seen on light and on dark paper."""
 POINT = "#6b7280"
 """Marks without a meaning of their own, on both."""
-WALL = {"showbackground": False, "gridcolor": GRID, "zerolinecolor": GRID}
+WALL = {"showbackground": False, "gridcolor": "#a9b4bf", "zerolinecolor": "#a9b4bf"}
 """Axes of a scene with lines alone: a filled wall would hide the part of a label behind it, and labels are large on a telephone."""
 FLAT_WIDE = 70.0
 """Width of a drawing of one scale on a telephone without figures and margins, in hundredths of the window's."""
@@ -115,7 +115,7 @@ def figure(drawing: go.Figure, name: str, language: str = "en", *, hero: bool = 
         drawing.update_scenes({"camera": {"eye": {axis: NEARER * eye[axis] for axis in "xyz"}}})
     ready = str(drawing.to_html(full_html=False, include_plotlyjs=False, div_id=name, config=config))
     if hero:
-        return Markup(f'<div class="scene">{ready}</div>')
+        return Markup(f'<div class="scene" style="--legend:{_legend_high(drawing) if scene else 0}px">{ready}</div>')
     if not scene and not one_scale:
         return Markup(ready)
     high = _high(drawing) if scene else _high_flat(drawing)
@@ -155,8 +155,10 @@ def settled(drawing: go.Figure) -> go.Figure:
         legend_bgcolor=clear,
         modebar={"bgcolor": clear, "color": POINT, "activecolor": PALETTE[0]},
     )
-    for one in (*drawing.layout.updatemenus, *drawing.layout.sliders):
+    for one in drawing.layout.sliders:
         one.update(bgcolor="#8ea3b8", bordercolor=POINT)
+    for one in drawing.layout.updatemenus:
+        one.update(bgcolor="#8ea3b8", bordercolor=POINT, font_color="#16202a")
     drawing.update_xaxes(gridcolor=GRID, zerolinecolor=GRID, gridwidth=0.5).update_yaxes(gridcolor=GRID, zerolinecolor=GRID, gridwidth=0.5)
     if legend.orientation is None and legend.x is None:
         drawing.update_layout(legend=LEGEND)

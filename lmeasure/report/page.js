@@ -2,16 +2,17 @@
   // A plot follows the size of its place, whatever changes that: the window, a fold, zoom. By itself it follows the window alone.
   // Its letters follow those of the page in size and colour, and its height, where it has one of its own, follows its letters.
   const plots = document.querySelectorAll('.plotly-graph-div');
+  const SHEET = 880; // of a plot on paper, with its heading
   const wall = matchMedia('(min-width: 190rem)'), dark = matchMedia('(prefers-color-scheme: dark)');
   const paper = () => document.body.classList.contains('paper');
   const fit = (plot) => {
     const drawn = plot._fullLayout, size = wall.matches && !paper() ? 15 : 12, ink = paper() ? '#16202a' : getComputedStyle(document.body).color;
     if (!drawn || !plot.clientWidth) return;
-    if (size !== drawn.font.size && plot.layout.height) {
-      plot.layout.height *= size / drawn.font.size;
-      plot.style.height = `${plot.layout.height}px`;
-    }
-    const high = drawn.autosize && plot.clientHeight !== Math.round(drawn.height) && plot.closest('.scene');
+    if (plot.high && !paper()) [plot.layout.height, plot.high] = [plot.high, 0];
+    if (size !== drawn.font.size && plot.layout.height) plot.layout.height *= size / drawn.font.size;
+    if (paper() && plot.layout.height > SHEET) [plot.high, plot.layout.height] = [plot.layout.height, SHEET];
+    if (plot.layout.height) plot.style.height = plot.parentElement.style.height = `${plot.layout.height}px`;
+    const high = (plot.layout.height || plot.closest('.scene')) && Math.abs(plot.clientHeight - drawn.height) > 0.6;
     if (high || plot.clientWidth !== Math.round(drawn.width) || size !== drawn.font.size || plot.layout.font?.color !== ink)
       Plotly.relayout(plot, { autosize: true, 'font.size': size, 'font.color': ink }); // at once: `Plots.resize` waits for a tenth of a second
   };

@@ -28,7 +28,7 @@ from lmeasure.report import correction, figures, html, structure
 from lmeasure.report.calibration_figures import residuals_figure
 from lmeasure.report.robot import errors_figure
 from lmeasure.report.text import axes, unit as unit_of
-from lmeasure.report.zone_figures import space_figure, u95_figure
+from lmeasure.report.zone_figures import quantity_figure, space_figure, u95_figure
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.robot_programs import Corrected
 from lmeasure.robots import Identified
@@ -272,6 +272,7 @@ DRAWN: dict[type, Callable[[Any, Rig | None, Say], go.Figure]] = {
     CalibrationRecord: lambda record, rig, say: residuals_figure(record, rig, say),
     Trajectory: _trajectory,
     xr.Dataset: lambda zone, rig, say: u95_figure(zone, say, every=True) if rig is None else space_figure(zone, rig, say),
+    xr.DataArray: lambda values, _, say: quantity_figure(values, say),
     Plan: lambda plan, rig, say: _poses(plan.poses, rig, say),
     Placed: lambda placed, _, say: _space(say, placed.rig, HOME),
     Program: _program,

@@ -8,13 +8,13 @@ import numpy as np
 import plotly.graph_objects as go
 import xarray as xr
 
-from lmeasure.core import FloatArray
+from lmeasure.core import FloatArray, LMeasureError
 from lmeasure.report import figures, html
-from lmeasure.report.text import axes
+from lmeasure.report.text import axes, unit
 from lmeasure.report.zone_maps import SCALE, log_colours
 from lmeasure.rig import Rig
 from lmeasure.structure import Piece
-from lmeasure.text import ENGLISH, Say
+from lmeasure.text import ENGLISH, Say, message
 
 EDGE, CABLES = "#e4572e", "#4a5568"
 MOST_LEVELS = 41
@@ -92,18 +92,40 @@ def fullest_level(zone: xr.Dataset) -> int:
 
 def u95_figure(zone: xr.Dataset, say: Say = ENGLISH, *, every: bool = False) -> go.Figure:
     """U95 of the position at the level with most of the zone, and its edge; every: a slider over the levels."""
-    x, y, z = (zone[name].values for name in "xyz")
-    levels = _shown_levels(len(z)) if every else [fullest_level(zone)]
-    first, margin, radius = len(levels) // 2, _margin(zone), zone["u95_position_mm"].values
-    figure = go.Figure()
-    for n, k in enumerate(levels):
-        figure.add_trace(_heat(x, y, radius[:, :, k], radius[:, :, levels], say, most=95, visible=n == first))
-        figure.add_contour(
-            x=x, y=y, z=np.float32(margin[:, :, k].T), showscale=False, hoverinfo="skip", visible=n == first,
-            contours={"start": 0, "end": 0, "size": 1, "coloring": "none"}, line={"color": "white", "width": 3},
-        )  # fmt: skip
+    levels = _shown_levels(zone.sizes["z"]) if every else [fullest_level(zone)]
+    margin, radius = _margin(zone), zone["u95_position_mm"]
+    u95 = radius.values
+    heats = [_heat(zone["x"].values, zone["y"].values, u95[:, :, k], u95[:, :, levels], say, most=95) for k in levels]
+    return _level_figure(radius, levels, heats, margin, say)
+
+
+def quantity_figure(values: xr.DataArray, say: Say = ENGLISH) -> go.Figure:
+    """Draw one variable of a zone level by level, with a slider. LMeasureError unless it has one value at each node."""
+    if values.dims != tuple("xyz"):
+        raise LMeasureError(message("error.is_nothing_that_can", name=str(values.name), known="in_zone, worst_pressure_angle_deg, u95_..."))
+    levels, shown = _shown_levels(values.sizes["z"]), values.values.astype(np.float32)
+    known = shown[np.isfinite(shown)]
+    ends = {"zmin": float(known.min()), "zmax": float(known.max())} if len(known) else {}
+    look = {"colorscale": SCALE, "colorbar": {"title": unit(say.language, values.attrs.get("units", "")), "thickness": 14}, **ends}
+    heats = [go.Heatmap(x=values["x"].values, y=values["y"].values, z=shown[:, :, k].T, **look) for k in levels]
+    return _level_figure(values, levels, heats, None, say)
+
+
+def _level_figure(values: xr.DataArray, levels: list[int], heats: Sequence[go.Heatmap], margin: FloatArray | None, say: Say) -> go.Figure:
+    """Show the map of each level [index], and the edge of the zone where its margin (nx, ny, nz) is zero; a slider where there are more."""
+    x, y = values["x"].values, values["y"].values
+    first, figure = len(levels) // 2, go.Figure()
+    for n, (k, heat) in enumerate(zip(levels, heats, strict=True)):
+        figure.add_trace(heat.update(visible=n == first))
+        if margin is not None:
+            figure.add_contour(
+                x=x, y=y, z=np.float32(margin[:, :, k].T), showscale=False, hoverinfo="skip", visible=n == first,
+                contours={"start": 0, "end": 0, "size": 1, "coloring": "none"}, line={"color": "white", "width": 3},
+            )  # fmt: skip
+    every = len(levels) > 1
     if every:
-        figure.update_layout(sliders=[_slider(z[levels], len(figure.data), first, say, each=2)])
+        each = len(figure.data) // len(levels)
+        figure.update_layout(sliders=[_slider(values["z"].values[levels], len(figure.data), first, say, each=each)])
     figure.update_xaxes(title_text=say("page.x_mm"), constrain="domain")
     figure.update_yaxes(title_text=say("page.y_mm"), constrain="domain", scaleanchor="x")
     return figure.update_layout(height=560 if every else 450, margin={"t": 10, "b": 40, "l": 60}, showlegend=False)

@@ -53,7 +53,10 @@ def preview(request: Request, form: Form) -> Response:
     typed = {key: values[-1] for key, values in form.items()}
     content = form_of_details.filled({}, typed)
     wrong = form_of_details.complaints(content, "details")
-    reported: dict[str, Any] = {"complaints": wrong, "missing": form_of_details.missing(content)}
+    reported: dict[str, Any] = {
+        "complaints": [said(language_of(request), one) for one in wrong],
+        "missing": form_of_details.missing(content),
+    }
     if not wrong:
         reported["printed"] = {language: form_of_details.printed(content, language) for language in ("en", "ru")}
     return JSONResponse(reported)

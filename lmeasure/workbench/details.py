@@ -11,6 +11,7 @@ from lmeasure.certificate import SCHEMA, Details
 from lmeasure.core import LMeasureError
 from lmeasure.io import checked, files
 from lmeasure.report import about, title, word
+from lmeasure.text import faults
 from lmeasure.workbench.text import said
 
 
@@ -128,7 +129,7 @@ def complaints(content: Mapping[str, Any], name: str) -> list[str]:
     try:
         checked(dict(content), Details, name)
     except LMeasureError as error:
-        return list(error.lines)
+        return list(faults(error))
     return []
 
 

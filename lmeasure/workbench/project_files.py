@@ -160,6 +160,7 @@ def rig(request: Request, form: Form) -> Response:
         ]
         values["faults"] = [] if request.method == "POST" else rig_form.faults(path, document)
         values |= {"file": file, "parts": shown, "digest": digest, "links": "calibration" in document}
+        values["beside"] = rig_form.beside(document, complaints)
         below = [card(command, project, page="rig", reported=reported(file)) for of, command, reported in BELOW if of == kind]
         values |= {"drawing": _drawing(language_of(request)), "kind": kind, "cards": below}
     return page(request, "rig.html", 422 if complaints else 200, **values)

@@ -13,7 +13,7 @@ from lmeasure.accuracy import Limits, Placement, Scan, axis, box_around, map_zon
 from lmeasure.core import LMeasureError
 from lmeasure.io import checked, files
 from lmeasure.rig import DrumsFile, rig_from_dict
-from lmeasure.text import message, texts
+from lmeasure.text import Message, faults as whole, message, texts
 from lmeasure.workbench.project import LARGEST_TEXT, OutsideError, schema_of
 
 UNITS = {"_mm": "mm", "_deg": "deg", "_mm_s": "mm/s", "_rad": "rad", "_s": "s"}
@@ -198,8 +198,21 @@ def faults(path: Path, content: Mapping[str, Any]) -> list[str]:
     try:
         KINDS[schema_of(path)](dict(content), path.name)
     except LMeasureError as error:
-        return list(error.lines)
+        return list(whole(error))
     return []
+
+
+def beside(document: Mapping[str, Any], wrong: list[str]) -> dict[str, str]:
+    """Return each fault by the key of the field that it is about."""
+    out: dict[str, str] = {}
+    places = {place: one for one in wrong if isinstance(one, Message) for place in (one.values.get("where"), one.values.get("key"))}
+    for thing, leaves in parts(document):
+        for leaf in leaves:
+            table, *rest = (word for word in leaf.key.split(".") if not word.isdigit())
+            end = ": " + ".".join([f"[{table} {thing.name}]" if rest and thing.name else table, *rest])
+            for place in [place for place in places if place == leaf.key or str(place).endswith(end)]:
+                out[leaf.key] = places.pop(place)
+    return out
 
 
 def scene(path: Path) -> dict[str, Any]:

@@ -165,7 +165,7 @@ def _write_page(out: Path, path: Path, content: Content, settings: InspectSettin
     import xarray as xr
 
     from lmeasure.certificate import Certificate
-    from lmeasure.report import every_figure, figure_of, write_inspection_page, zone_lines
+    from lmeasure.report import every_figure, figure_of, glance, write_inspection_page, zone_lines
     from lmeasure.trajectory import Trajectory
 
     if isinstance(content.noun, Trajectory) or content.next.startswith("reconstruct {folder} --out"):
@@ -175,7 +175,9 @@ def _write_page(out: Path, path: Path, content: Content, settings: InspectSettin
     language = settings.language or of_terminal()
     lines: Sequence[str] = content.lines
     if isinstance(content.noun, Certificate):
-        lines = [line.strip() for line in every_figure({**content.noun.content, "language": language}, brief=True)[1:]]
+        shown = glance(content.noun.content, language)
+        every = every_figure({**content.noun.content, "language": language}, brief=True)[1:]
+        lines = [f"{shown.about}: {shown.value}. {shown.outcome}", *(line.strip() for line in every)]
     elif isinstance(content.noun, xr.Dataset):
         lines = zone_lines(content.noun, language)
     figure = None if content.noun is None else figure_of(content.noun, say=Say(language))

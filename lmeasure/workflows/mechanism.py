@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from lmeasure.core import FileFormatError, GeometryError, SettingsError
-from lmeasure.text import composed, message, of_terminal, settled
+from lmeasure.text import composed, message, of_terminal, reason, settled
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, workflow
 from lmeasure.workflows.settings import (
     LANGUAGE,
@@ -94,7 +94,7 @@ def run_mechanism(settings: MechanismSettings, progress: Progress = silent) -> R
         record = described(file, _pose(settings, file))
         grid, reached = _grid(settings, file, progress)
     except GeometryError as error:
-        raise SettingsError("position_mm" if settings.x is None else "x", str(error)) from None
+        raise SettingsError("position_mm" if settings.x is None else "x", reason(error)) from None
     progress(0.9, "mechanism")
     lines = _told(record, grid)
     if settings.matrices:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from lmeasure.core import GeometryError, LMeasureError, RigError, SettingsError, TrajectoryError
-from lmeasure.text import count_of, joined, message
+from lmeasure.text import count_of, joined, message, reason
 from lmeasure.workflows.flow import Ending, Progress, Result, present, silent, workflow
 from lmeasure.workflows.settings import RERUN, RIG, START, Asked, Paths, Recording, Start, Writing, option, then
 
@@ -128,7 +128,7 @@ def pose_watch(rig: Path, start: str | None, passage: int, lag_s: float | None =
         live = LivePose(measured, known, calibration, aside=True)
         curve = None if lag_s is None else CurveStream(Run(measured, known, (), calibration), lag_s=lag_s)
     except (RigError, GeometryError, TrajectoryError) as error:
-        return message("workflow.no_pose", error=str(error))
+        return message("workflow.no_pose", error=error)
     if live.channels != tuple(measured.counters_of(passage)):
         return message("workflow.no_pose_channels")
     return PoseWatch(live, curve)
@@ -303,7 +303,7 @@ def run_check(settings: CheckSettings, progress: Progress = silent, *, ask: "Ask
     try:
         files.rewrite_toml(settings.write, content)
     except LMeasureError as error:  # a person has walked through all of it: what it showed is not lost
-        return Result(result, (*result.notes, *reported, *left), _figures(result), tuple(faults), failure=str(error))
+        return Result(result, (*result.notes, *reported, *left), _figures(result), tuple(faults), failure=reason(error))
     code = "workflow.checked_again" if reported or left else "workflow.checked_nothing"
     lines = (*result.notes, *reported, *left, message(code, file=settings.write))
     return Result(result, lines, _figures(result), tuple(faults), failure=failure)

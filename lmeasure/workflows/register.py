@@ -148,7 +148,7 @@ def _of_subject(register: "Register", settings: RegisterSettings) -> "list[Messa
     try:
         ahead = forecast(days, values, u)
     except CertificationError as error:
-        return [*lines, message("register.no_forecast", reason=str(error))]
+        return [*lines, message("register.no_forecast", reason=error)]
     low, high = ahead.interval(float(ahead.last) + 365.25)
     drift = {"drift": 365.25 * ahead.drift, "u": 365.25 * ahead.u_drift}
     return [*lines, message("register.forecast", unit=unit, low=low, high=high, **drift)]

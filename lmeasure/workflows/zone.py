@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from lmeasure.core import AccuracyError, SettingsError
-from lmeasure.text import message, of_terminal
+from lmeasure.text import message, of_terminal, reason
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import LANGUAGE, RERUN, Pair, Paths, Range, Recording, UnitQuaternion, Writing, option, then
 
@@ -204,4 +204,4 @@ def _axis(name: str, span: tuple[float, float, float]) -> "FloatArray":
     try:
         return axis(*span)
     except AccuracyError as error:
-        raise SettingsError(name, str(error)) from None
+        raise SettingsError(name, reason(error)) from None

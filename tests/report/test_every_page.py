@@ -63,18 +63,20 @@ def test_nothing_runs_over_collides_or_asks_for_anything(
 
 
 def beyond(pdf: bytes, pictures: Path | None = None) -> list[str]:
-    """Lines of a printed page that lie beyond their sheet; pictures is the beginning of the names under which its sheets are kept."""
-    document, out = pypdfium2.PdfDocument(pdf), []
+    """Lines of a printed page that lie beyond their sheet, or that it is printed small for something else that does; pictures is the
+    beginning of the names under which its sheets are kept."""
+    document, out, widest = pypdfium2.PdfDocument(pdf), [], 0.0
     for number, sheet in enumerate(document, 1):
         width = sheet.get_size()[0]
         text = sheet.get_textpage()
         for left, bottom, right, top in (text.get_rect(i) for i in range(text.count_rects())):
+            widest = max(widest, right / width)
             if left < -1.0 or right > width + 1.0:
                 out.append(f"sheet {number}: {text.get_text_bounded(left, bottom, right, top)!r} lies beyond it")
         if pictures:
             sheet.render(scale=1.0).to_pil().save(f"{pictures}{number}.png")
     document.close()
-    return out
+    return out if widest > 0.8 else [*out, f"printed small: {widest:.0%} of a sheet's width"]
 
 
 def faults_of(pdf: Path) -> list[str]:

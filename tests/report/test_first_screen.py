@@ -32,6 +32,8 @@ def test_the_first_screen_answers(kind: str, tmp_path: Path) -> None:
             below = [name for name, top, _ in shown if top > height - (120 if name == "picture" else 40)]
             assert below == [], (width, shown)
             assert page.evaluate("document.documentElement.scrollWidth") <= width
+        screens = page.evaluate("document.documentElement.scrollHeight / innerHeight")
+        assert screens <= (6.0 if kind.startswith("certificate") else 4.0)  # at 1400 px, details folded
         assert faults(page) == []
         assert page.errors == []
 

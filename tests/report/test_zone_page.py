@@ -11,6 +11,7 @@ from browser import LOOK, opened
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+import lmeasure as lm
 from lmeasure.accuracy import Limits, axis, ellipsoids, extent, radii_95, scan_zone, tilts
 from lmeasure.accuracy.zone_dataset import within
 from lmeasure.report import write_zone_report
@@ -142,6 +143,14 @@ def test_ellipsoids_have_the_radius_and_the_angle_of_the_zone(rig: Rig, turned: 
     np.testing.assert_allclose(radii_95(found.covariance[reported]), one["u95_position_mm"].values.ravel()[reported], rtol=1e-9)
     np.testing.assert_allclose(found.angle_deg[reported], one["worst_pressure_angle_deg"].values.ravel()[reported], atol=1e-7)
     assert reported.sum() > 50
+
+
+def test_each_variable_of_a_zone_is_drawn_level_by_level(zone: xr.Dataset) -> None:
+    angle = zone["worst_pressure_angle_deg"]
+    shown = [heat.z for heat in lm.plot(angle).data]
+    np.testing.assert_array_equal(shown, np.float32(angle.transpose("z", "y", "x").values))
+    with pytest.raises(lm.LMeasureError, match="quaternion_xyzw"):
+        lm.plot(zone["quaternion_xyzw"])
 
 
 def test_a_scale_of_logarithms_is_labelled_by_round_values() -> None:

@@ -101,8 +101,11 @@ def test_the_page_saves_and_shows_again_what_was_typed(path: Path) -> None:
         form = typed(path, observation_point__0__position_mm__0="12.5") | {"_file": "rig.toml"}
         assert asked.post("/rig", data=form).status_code == 303
         assert read_rig(path).observation_point[0].position_mm[0] == 12.5
-        answer = asked.post("/rig", data=typed(path, observation_point__0__pulley_radius_mm="-3") | {"_file": "rig.toml"})
+        wrong = typed(path, observation_point__0__pulley_radius_mm="-3") | {"_file": "rig.toml"}
+        answer = asked.post("/rig", data=wrong, headers={"accept-language": "ru"})
         assert answer.status_code == 422
+        beside = answer.text.partition('name="observation_point.0.pulley_radius_mm"')[2].partition("</div>")[0]
+        assert "должно быть не меньше 0" in beside
         assert 'value="-3"' in answer.text
 
 
