@@ -45,20 +45,9 @@ def _unescaped(match: re.Match[str]) -> str:
 def _content(certificate: dict[str, Any], measured: Measured) -> dict[str, Any]:
     language, logo = certificate["language"], measured.logo
     sections = (
-        "summary",
-        "about",
-        "results",
-        "budget",
-        "correlations",
-        "contributions",
-        "pictures",
-        "commanded",
-        "excluded",
-        "uncertainty",
-        "notes",
-        "inputs",
-        "program",
-    )
+        "summary", "about", "results", "budget", "correlations", "contributions", "pictures", "commanded", "excluded", "uncertainty",
+        "notes", "inputs", "program",
+    )  # fmt: skip
     words = ("authoriser", "signature", "end", "page", "of", "only_item", "no_results", "nothing_excluded", "bullseye.text")
     state, outcome = say.outcome(certificate)
     return {
@@ -71,11 +60,7 @@ def _content(certificate: dict[str, Any], measured: Measured) -> dict[str, Any]:
         "statements": say.statements(certificate),
         "summary": _summary(certificate),
         "result": with_indices(summary.sentence(certificate)),
-        "outcome": {
-            "state": state,
-            "text": outcome,
-            "rules": [word(language, f"uncertainty.{rule}") for rule in sorted(say.rules(certificate))],
-        },
+        "outcome": {"state": state, "text": outcome, "rules": [word(language, f"uncertainty.{r}") for r in sorted(say.rules(certificate))]},
         "limits": summary.limits(certificate),
         "about": say.about(certificate),
         "header": [with_indices(word(language, f"column.{key}")) for key in ("characteristic", "value_with_u95", "k", "n", "verdict")],
@@ -107,15 +92,8 @@ def _content(certificate: dict[str, Any], measured: Measured) -> dict[str, Any]:
 
 def _row(place: str, r: say.Result) -> list[Any]:
     decided = " ".join(t for t in (r.limits, r.conformity) if t)
-    return [
-        place,
-        say.symbol_pieces(r.symbol),
-        r.component,
-        summary.value_of(r),
-        r.k,
-        r.cycles,
-        "\n".join(t for t in (r.verdict, decided) if t),
-    ]
+    verdict = "\n".join(t for t in (r.verdict, decided) if t)
+    return [place, say.symbol_pieces(r.symbol), r.component, summary.value_of(r), r.k, r.cycles, verdict]
 
 
 def _summary(certificate: dict[str, Any]) -> dict[str, Any]:

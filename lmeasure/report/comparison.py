@@ -76,11 +76,7 @@ def answer(found: Comparison, better: Improvement | None, certificates: Sequence
             "lmeasure identify --robot ROBOT --measurements FILE.csv --out identified",
         )
         caption = say("comparison.distances_caption")
-    paths, parts = [Path(name).parts for name, _ in certificates], 1
-    while parts < max(map(len, paths)) and len({path[-parts:] for path in paths}) < len(set(paths)):
-        parts += 1
-    days = [content["created"][:10] for _, content in certificates]
-    subject = " · ".join(f"{'/'.join(path[-parts:])}, {day}" for path, day in zip(paths, days, strict=True))
+    subject = " · ".join(f"{'/'.join(Path(name).parts[-2:])}, {content['created'][:10]}" for name, content in certificates)
     return html.Answer(say("comparison.certificates_side_side"), verdict, state, tuple(rows), limits, (step,), picture, subject, caption)
 
 

@@ -16,25 +16,8 @@ from lmeasure.text import Message, Say, typeset
 def write_inspection_page(
     path: Path, title: str, what: Message, *, lines: Sequence[str], figure: go.Figure | None, command: str = "", language: str
 ) -> None:
-    """Write a self-contained page, whole or not at all.
-
-    Parameters
-    ----------
-    path
-        Page to write.
-    title
-        Name of the file.
-    what
-        Kind of file, in one line that begins with its name.
-    lines
-        Remarks, a line each.
-    figure
-        Picture of the content.
-    command
-        What to type next.
-    language
-        Language of the page.
-    """
+    """Write a self-contained page of a file, whole or not at all. what: its kind, in one line that begins with its name; lines: remarks;
+    command: what to type next."""
     say = Say(language)
     shown = [say.message(line) if isinstance(line, Message) else typeset(line) for line in lines]
     kind = re.sub(r"^\W+", "", Message(what.code, {**what.values, "file": ""}).text(language))

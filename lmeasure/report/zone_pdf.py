@@ -26,6 +26,7 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
     """Write the PDF (A4, PDF/A-2b): findings, slices, figures, reasons, the rig's drawing; whole or not at all."""
     found, say = extent(zone), Say(language)
     limit = f"{say.number(zone.attrs['limit_deg'], 'g')}°"
+    levels = "zone.worst_pressure_angle_over_orientations" + ("" if zone_text.has_edge(zone) else "_x")
     sides = [(say("zone.right_up", right=h.upper(), up=v.upper()), lines) for h, v, lines in views(zone, rig)]
     content: dict[str, Any] = {
         "language": language,
@@ -47,7 +48,7 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
             "page": say("zone.page"),
             "of": say("zone.of"),
             "levels": say("zone.level_level"),
-            "levels reported": _levels_told(zone_text.has_edge(zone), say),
+            "levels reported": say(levels),
             "limit": say("zone.limit", angle=limit),
             "scale": say("zone.colour_scale_0_90"),
             "sides": say("zone.rig_seen_along_axes"),
@@ -57,12 +58,6 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
     pdf = typst.compile(TEMPLATE.read_bytes(), sys_inputs={"content": json.dumps(html.on_paper(content))}, pdf_standards=["a-2b"])
     with files.whole(path) as temporary:
         temporary.write_bytes(pdf)
-
-
-def _levels_told(edge: bool, say: Say) -> str:
-    if edge:
-        return say("zone.worst_pressure_angle_over_orientations")
-    return say("zone.worst_pressure_angle_over_orientations_x")
 
 
 def _colour(fraction: float) -> str:

@@ -2,18 +2,12 @@
 
 from pathlib import Path
 
-import pages
-import pytest
 from browser import opened
+from pages import PAGES
 
 
-@pytest.fixture(scope="module")
-def checked(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return pages.PAGES["check"](tmp_path_factory.mktemp("check"), "ru")
-
-
-def test_a_verdict_is_seen_to_be_bad(checked: Path) -> None:
-    with opened(checked) as page:
+def test_a_verdict_is_seen_to_be_bad(tmp_path: Path) -> None:
+    with opened(PAGES["check"](tmp_path, "ru")) as page:
         verdict = page.evaluate("[...document.querySelectorAll('.verdict.bad')].map(e => e.textContent)")
         (line,) = page.evaluate("document.getElementById('closures').layout.shapes.map(s => s.x0)")
         low, high = page.evaluate("document.getElementById('closures').layout.xaxis.range")

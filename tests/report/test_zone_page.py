@@ -159,12 +159,6 @@ def test_a_scale_of_logarithms_is_labelled_by_round_values() -> None:
     assert log_colours(0.9, 110.0)["ticktext"] == ["1", "2", "5", "10", "20", "50", "100"]
 
 
-def test_page_needs_nothing_from_elsewhere(folder: Path) -> None:
-    page = (folder / "zone.html").read_text(encoding="utf-8")
-    assert 'src="http' not in page
-    assert 'rel="stylesheet"' not in page
-
-
 def test_pdf_is_whole_and_the_same_each_time(folder: Path, zone: xr.Dataset, rig: Rig, tmp_path: Path) -> None:
     pdf = (folder / "zone.pdf").read_bytes()
     assert pdf.startswith(b"%PDF-1.7")
