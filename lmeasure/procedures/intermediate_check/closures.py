@@ -69,8 +69,8 @@ def find_stops(budget: Budget, lengths: Lengths, source: str, near_mm: float, *,
     missing = ~np.isfinite(of_cables.change_mm)
     if (share := missing.mean(axis=0)).max() > MISSED:
         j = int(np.argmax(share))
-        at = {"since": float(lengths.time_s[missing[:, j].argmax()]), "percent": 100.0 * float(share[j])}
-        raise TrajectoryError(message("error.check_misses_channel", where=source, channel=rig.cable[j].channel, **at))
+        numbers = {"since": float(lengths.time_s[missing[:, j].argmax()]), "percent": 100.0 * float(share[j])}
+        raise TrajectoryError(message("error.check_misses_channel", where=source, channel=rig.cable[j].channel, **numbers))
     finder.add(lengths.time_s, of_cables.change_mm)
     rests = finder.rests()
     if len(rests) < 2:
