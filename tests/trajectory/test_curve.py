@@ -16,6 +16,7 @@ from lmeasure.cli.app import main
 from lmeasure.core import FileFormatError, FloatArray, TrajectoryError
 from lmeasure.kernels import band_inverse, spline_covariances, spline_equations, spline_poses
 from lmeasure.recording import Counts, Run, read_counts, read_run, write_counts
+from lmeasure.rig import rig_from_dict
 from lmeasure.sensors import Channels
 from lmeasure.trajectory import Curve, align, motion_of, motion_of_curve, prepare, reconstruct, reconstruct_curve
 from lmeasure.trajectory.curve.fit import Fit, readings_of
@@ -315,6 +316,10 @@ def test_what_a_curve_cannot_say_is_refused_in_one_line(cell: tuple[lm.Trajector
     with pytest.raises(TrajectoryError, match="the rig has 2 passes"):
         reconstruct_curve(exact_run("three-drums-two-passes"))
     run = exact_run("cell-run", zeroed=True)
+    data = run.rig.to_dict()
+    point = replace(run, rig=rig_from_dict(data | {"cable": [c | {"to": "P1"} for c in data["cable"]]}))
+    with pytest.raises(TrajectoryError, match="the rig measures 3 of six freedoms"):
+        reconstruct_curve(point)
     first = run.passes[0]
     short = replace(first, time_s=first.time_s[:4], recorded=first.recorded[:4])
     with pytest.raises(TrajectoryError, match="the run has 4 poses, and a curve needs at least 6"):

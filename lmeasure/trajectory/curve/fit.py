@@ -44,6 +44,7 @@ from lmeasure.text import Message, message
 from lmeasure.trajectory.curve.curve import ORDER, Curve, tables
 from lmeasure.trajectory.faults.redundancy import repeats
 from lmeasure.trajectory.files.trajectory import Trajectory
+from lmeasure.trajectory.reconstruction.run_model import FREEDOMS
 from lmeasure.trajectory.reconstruction.runs import Judge, prepare, with_evidence
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction, zero_readings
 from lmeasure.trajectory.time.passes import Alignment, align
@@ -334,9 +335,12 @@ def jitter_of(times: FloatArray) -> FloatArray:
 
 def readings_of(reconstruction: Reconstruction, lengths: Lengths, trajectory: Trajectory, state: FloatArray | None = None) -> Readings:
     """Return the readings of a run, as a curve takes them: those of channels with their own times at these. state: where the run is as they
-    begin, by default its start. TrajectoryError for a run of several passes, whose channels were read in different motions."""
+    begin, by default its start. TrajectoryError for a run of several passes, whose channels were read in different motions, and for one of
+    fewer freedoms than six."""
     budget = reconstruction.budget
     rig = budget.rig
+    if len(budget.scheme.free) < len(FREEDOMS):
+        raise TrajectoryError(message("curve.freedoms", free=len(budget.scheme.free)))
     if rig.passes > 1:
         raise TrajectoryError(message("curve.passes", passes=rig.passes))
     changes = reconstruction.corrected(lengths, state).change_mm + budget.offsets(lengths.time_s)
