@@ -22,7 +22,6 @@ from lmeasure.kernels import (
     TANGENT,
     changes_from_counts as changes_of_rows,
     counts_from_changes,
-    solve_pose,
     span_lengths,
     span_rows,
 )
@@ -39,7 +38,7 @@ from lmeasure.trajectory.files.write import trajectory_writer
 from lmeasure.trajectory.origin.origins import settle_origins
 from lmeasure.trajectory.origin.start import find_start, motion_of, zeros_by_motion
 from lmeasure.trajectory.reconstruction.run_model import RunModel, Scheme
-from lmeasure.trajectory.reconstruction.screw_method import Reconstruction, by_monte_carlo, reconstruction_of
+from lmeasure.trajectory.reconstruction.screw_method import COMPILING_PAYS, Reconstruction, by_monte_carlo, poses_from, reconstruction_of
 from lmeasure.trajectory.time.passes import Alignment, align
 from lmeasure.trajectory.uncertainty.budget import CHUNK, RESTORED_ORIGIN, Budget, PoseCovariances
 from lmeasure.trajectory.uncertainty.sources import LIGHT_RAD, PassClock, Situation, needed_zero, zeros_of
@@ -377,7 +376,7 @@ def _redundancy_notes(model: RunModel, evidence: Evidence) -> list[Message]:
     if not scheme.six:
         return [_redundancy_note(scheme)]
     rows, begun = scheme.rows, span_lengths(scheme.rows, model.zero_pose[None])[0]
-    poses = np.array([solve_pose(rows, begun + change, model.zero_pose)[3] for change in evidence.returned_mm]).reshape(-1, 7)
+    poses = poses_from(rows, model.zero_pose, begun + evidence.returned_mm.reshape(-1, len(rows)))
     poses = poses[np.isfinite(poses).all(axis=1)]
     lengths = span_lengths(rows, poses) + np.hypot(rows[:, TANGENT], rows[:, AXIAL])
     directions = np.array([span_rows(rows, pose)[:, 3:] for pose in poses]).reshape(-1, len(rows), 3)
@@ -452,7 +451,7 @@ def covariances(
         known = ~np.isnan(poses[:, 0])
         poses[known, 3:] = (0.0, 0.0, 0.0, 1.0)
     unused = unused_channels(trajectory, lengths.cables)[chosen]
-    found = budget.of(Situation(time_s, poses, counts, speed, warm, travel), u_mm, unused)
+    found = budget.of(Situation(time_s, poses, counts, speed, warm, travel), u_mm, unused, compiled=len(poses) >= COMPILING_PAYS)
     if aligned.evidence.closure_mm.any() or aligned.evidence.late_s.any():
         at = Situation(time_s, poses, counts, lengths.speed_mm_s[chosen])
         closing = _closure_factors(budget, aligned.evidence, at, unused)

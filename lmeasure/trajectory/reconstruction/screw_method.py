@@ -85,35 +85,55 @@ def _anchors(cables: FloatArray, zero: FloatArray, state: FloatArray, changes: F
         # a sample that is itself far from the last one is no continuation
         if end == begin or anchors == ANCHORS:
             return None
-        found = _newton(cables, pose[None], (zero + changes[end - 1])[None], STEPS)
-        if found is None:
+        # one step of Newton's method is near enough: its rest is of second order, and does not add up
+        lengths, rows = span_rows(cables, pose[None])
+        residuals = zero + changes[end - 1] - lengths
+        moved = _moved(pose[None], rows, residuals) if np.abs(residuals).max() <= 2.0 * kernels.NEAR_MM else None
+        if moved is None:
             return None
-        pose, there = found[0][0], changes[end - 1]
+        pose, there = moved[0], changes[end - 1]
         begin, anchors = end, anchors + 1
 
 
-def _newton(cables: FloatArray, poses: FloatArray, targets: FloatArray, most: int) -> tuple[FloatArray, FloatArray, FloatArray, int] | None:
-    """Poses (n, 7) whose lengths are the targets (n, 6), largest residuals (n,), rows there (n, 6, 6), steps; None when one is missing."""
+def poses_from(cables: FloatArray, start: FloatArray, targets: FloatArray) -> FloatArray:
+    """(n, 7) poses whose lengths are the targets (n, 6), each from a start pose (7,); NaN where none is found."""
+    found = _newton(cables, np.tile(start, (len(targets), 1)), targets, NEWTON_STEPS, near_mm=np.inf) if len(targets) else None
+    return np.array([kernels.solve_pose(cables, one, start)[3] for one in targets]).reshape(-1, 7) if found is None else found[0]
+
+
+def _newton(
+    cables: FloatArray, poses: FloatArray, targets: FloatArray, most: int, near_mm: float = 2.0 * kernels.NEAR_MM
+) -> tuple[FloatArray, FloatArray, FloatArray, int] | None:
+    """Poses (n, 7) whose lengths are the targets (n, 6), largest residuals (n,), rows there (n, 6, 6), steps; None when one is missing, or
+    a residual is larger than near_mm."""
     poses, previous = poses.copy(), np.inf
     for step in range(most + 1):
         lengths, rows = span_rows(cables, poses)
         residuals = targets - lengths
         worst = np.abs(residuals).max(axis=1)
         largest = float(worst.max())
-        if not largest <= 2.0 * kernels.NEAR_MM:  # NaN is no answer either
+        if not largest <= near_mm:  # NaN is no answer either
             return None
         if largest <= kernels.TOLERANCE_MM or (largest < FLOOR_MM and largest >= 0.5 * previous):
             return poses, worst, rows, step
         previous = largest
-        try:
-            twist = np.linalg.solve(rows, residuals[:, :, None])[:, :, 0]
-        except np.linalg.LinAlgError:
+        moved = _moved(poses, rows, residuals)
+        if moved is None:
             return None
-        if not np.linalg.norm(twist[:, :3], axis=1).max() <= kernels.MAX_STEP_ROTATION:
-            return None
-        # a turn and a shift of the tool origin; Newton's order does not need the screw between two steps
-        poses = se3.displaced(poses, twist)
+        poses = moved
     return None
+
+
+def _moved(poses: FloatArray, rows: FloatArray, residuals: FloatArray) -> FloatArray | None:
+    """Poses (n, 7) after a step of Newton's method; None where one is too long, or there is none."""
+    try:
+        twist = np.linalg.solve(rows, residuals[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:
+        return None
+    if not np.linalg.norm(twist[:, :3], axis=1).max() <= kernels.MAX_STEP_ROTATION:
+        return None
+    # a turn and a shift of the tool origin; Newton's order does not need the screw between two steps
+    return se3.displaced(poses, twist)
 
 
 PROBES = 12  # to either side of a pose
