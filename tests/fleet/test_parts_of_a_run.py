@@ -59,7 +59,9 @@ def test_parts_have_the_rows_and_bits_of_the_whole_though_a_worker_is_killed(lon
     assert set(parts.statuses) - {"ok"}  # the lost counts are seen in both
 
 
-def test_what_goes_in_parts_is_said_in_one_line(long_run: Path, tmp_path: Path) -> None:
+def test_what_goes_in_parts_is_said_in_one_line(long_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lmeasure.io.cluster.ANSWER_S", 1.0)
+
     def refused(*words: object) -> str:
         found = CliRunner().invoke(app, ["reconstruct", *map(str, words), "--scheduler", "tcp://127.0.0.1:1"], env={"COLUMNS": "1000"})
         text = str(found.exception) if isinstance(found.exception, LMeasureError) else found.output

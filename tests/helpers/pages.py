@@ -1,6 +1,8 @@
 """One page of every kind that the program writes, small, in a language: what the tests of pages open and read."""
 
+import atexit
 import shutil
+import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -276,5 +278,13 @@ PAGES: dict[str, Callable[[Path, str], Path]] = {
     "mechanism": _mechanism, "identification": _identification, "correction": _correction,
 }  # fmt: skip
 """Every kind of page, and what writes one into a folder in a language."""
-PDFS = ("zone.pdf", "certificate/certificate.pdf")
-"""What may lie beside a page on paper."""
+PDFS = ("zone.pdf", "certificate.pdf")
+"""The page on paper, beside it."""
+
+
+@cache
+def page_of(kind: str, language: str) -> Path:
+    """A page of this kind, written once for all tests of this process, which leave it as it is."""
+    folder = Path(tempfile.mkdtemp(prefix=f"{kind}-{language}-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return PAGES[kind](folder, language)

@@ -1,13 +1,11 @@
 """The page of an interim check: verdict and units as people write them, and a limit that is seen."""
 
-from pathlib import Path
-
 from browser import opened
-from pages import PAGES
+from pages import page_of
 
 
-def test_a_verdict_is_seen_to_be_bad(tmp_path: Path) -> None:
-    with opened(PAGES["check"](tmp_path, "ru")) as page:
+def test_a_verdict_is_seen_to_be_bad() -> None:
+    with opened(page_of("check", "ru")) as page:
         verdict = page.evaluate("[...document.querySelectorAll('.verdict.bad')].map(e => e.textContent)")
         (line,) = page.evaluate("document.getElementById('closures').layout.shapes.map(s => s.x0)")
         low, high = page.evaluate("document.getElementById('closures').layout.xaxis.range")

@@ -11,7 +11,7 @@ from pathlib import Path
 import pypdfium2
 import pytest
 from browser import LOOK, opened
-from pages import PAGES, PDFS
+from pages import PAGES, PDFS, page_of
 
 SIZES = ((390, 1.0), (2560, 1.0), (1400, 1.0), (2000, 1.0), (3840, 1.0), (2800, 0.5), (700, 2.0))
 """Windows: their width and zoom; the last ones are a desk of 1400 px at 50 and at 200 %. Pages of the suite are opened in the first two."""
@@ -25,11 +25,9 @@ TWO_FRAMES = "new Promise(done => requestAnimationFrame(() => requestAnimationFr
 
 
 @pytest.mark.parametrize(("kind", "language", "sizes"), EVERY)
-def test_nothing_runs_over_collides_or_asks_for_anything(
-    kind: str, language: str, sizes: tuple[tuple[int, float], ...], tmp_path: Path
-) -> None:
+def test_nothing_runs_over_collides_or_asks_for_anything(kind: str, language: str, sizes: tuple[tuple[int, float], ...]) -> None:
     """In a fresh window of each width, as a person opens it, at another zoom, in a window made narrow, and on paper."""
-    page = PAGES[kind](tmp_path, language)
+    page = page_of(kind, language)
     pictures = Path(os.environ["LMEASURE_PICTURES"]) if "LMEASURE_PICTURES" in os.environ else None
     reported, errors, requests = [], [], []
     for width, zoom in sizes:
@@ -53,10 +51,10 @@ def test_nothing_runs_over_collides_or_asks_for_anything(
     assert errors == []
     assert [url[:80] for url in requests if not url.startswith(("file:", "data:", "blob:"))] == []
     for name in PDFS:
-        if (tmp_path / name).exists():
-            assert faults_of(tmp_path / name) == []
+        if (page.parent / name).exists():
+            assert faults_of(page.parent / name) == []
             if pictures:
-                document = pypdfium2.PdfDocument(tmp_path / name)
+                document = pypdfium2.PdfDocument(page.parent / name)
                 for number, sheet in enumerate(document, 1):
                     sheet.render(scale=1.5).to_pil().save(pictures / f"{kind}-{language}-sheet{number}.png")
                 document.close()

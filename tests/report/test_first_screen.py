@@ -2,7 +2,6 @@
 
 import json
 import re
-from pathlib import Path
 from typing import Any
 
 import pypdfium2
@@ -10,7 +9,7 @@ import pypdfium2.raw as pdfium
 import pytest
 from access import faults
 from browser import opened
-from pages import PAGES, ROOT
+from pages import PAGES, ROOT, page_of
 
 ANSWERS = ("measured", "verdict", "numbers", "limits", "next", "picture")
 SCREENS = ((390, 844), (1400, 900))
@@ -21,9 +20,9 @@ BEGIN = """[...document.querySelectorAll('[data-answer]')].filter(e => e.textCon
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_first_screen_answers(kind: str, tmp_path: Path) -> None:
+def test_the_first_screen_answers(kind: str) -> None:
     language = "ru" if kind in QUICK and KINDS.index(kind) % 2 else "en"
-    with opened(PAGES[kind](tmp_path, language), size=(SCREENS[0][0], 1.0)) as page:
+    with opened(page_of(kind, language), size=(SCREENS[0][0], 1.0)) as page:
         for width, height in SCREENS:
             page.resize(width, height)
             shown: list[Any] = page.evaluate(BEGIN)
@@ -44,10 +43,9 @@ def test_every_page_is_in_the_checklist() -> None:
         assert re.search(rf"^\| {name} ", told, re.MULTILINE), name
 
 
-def test_a_certificate_on_paper_has_a_structure(tmp_path: Path) -> None:
+def test_a_certificate_on_paper_has_a_structure() -> None:
     """Its tags, as a screen reader follows them: headings, tables with headers, pictures with a text."""
-    PAGES["certificate"](tmp_path, "en")
-    document = pypdfium2.PdfDocument(tmp_path / "certificate" / "certificate.pdf")
+    document = pypdfium2.PdfDocument(page_of("certificate", "en").parent / "certificate.pdf")
     found: dict[str, int] = {}
     for page in document:
         tree = pdfium.FPDF_StructTree_GetForPage(page.raw)

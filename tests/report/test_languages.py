@@ -3,11 +3,10 @@
 import json
 import re
 from html.parser import HTMLParser
-from pathlib import Path
 
 import pypdfium2
 import pytest
-from pages import PAGES, PDFS, ROOT
+from pages import PAGES, PDFS, ROOT, page_of
 
 from lmeasure.text import Say, message, number, typed
 from lmeasure.text.catalogue import Writer
@@ -79,22 +78,22 @@ def in_english(texts: list[str]) -> dict[str, list[str]]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_no_russian_page_says_anything_in_english(kind: str, tmp_path: Path) -> None:
-    page = PAGES[kind](tmp_path, "ru")
+def test_no_russian_page_says_anything_in_english(kind: str) -> None:
+    page = page_of(kind, "ru")
     read = Words(page.read_text(encoding="utf-8"))
     assert sum(bool(re.search("[а-яё]", text)) for text in read.texts) > 10
     assert in_english(read.texts) == {}
     for name in PDFS:
-        if (tmp_path / name).exists():
-            document = pypdfium2.PdfDocument(tmp_path / name)
+        if (page.parent / name).exists():
+            document = pypdfium2.PdfDocument(page.parent / name)
             lines = [line for sheet in document for line in sheet.get_textpage().get_text_bounded().splitlines()]
             document.close()
             assert in_english(lines) == {}
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_no_english_page_says_anything_in_russian(kind: str, tmp_path: Path) -> None:
-    read = Words(PAGES[kind](tmp_path, "en").read_text(encoding="utf-8"))
+def test_no_english_page_says_anything_in_russian(kind: str) -> None:
+    read = Words(page_of(kind, "en").read_text(encoding="utf-8"))
     assert [text for text in read.texts if re.search("[а-яё]", text)] == []
 
 

@@ -64,7 +64,7 @@ def constants() -> tuple[frozenset[str], tuple[re.Pattern[str], ...], tuple[tupl
                 plain.add(node.value)
             elif isinstance(node, ast.JoinedStr):
                 parts = [str(part.value) if isinstance(part, ast.Constant) else None for part in node.values]
-                if len("".join(filter(None, parts))) > 2:
+                if re.fullmatch(r"[\w.%/ -]{3,}", "".join(filter(None, parts))):
                     patterns.add("".join(r"[\w.%/ -]*" if part is None else re.escape(part) for part in parts))
             elif isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("message", "say", "word", "Message"):
                 calls += [
