@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from in_process import ran, refused
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from lmeasure import zone
 from lmeasure.accuracy import Limits, Scan, edges, tilts
-from lmeasure.cli.app import app
 from lmeasure.core import FloatArray, StructureError
 from lmeasure.io import files
 from lmeasure.linkages import Slice, detour, first_met
@@ -104,11 +103,10 @@ def within_ball(count: int, radius: float) -> FloatArray:
 def test_a_path_that_leaves_the_zone_is_led_around(tmp_path: Path) -> None:
     write_program(tmp_path / "program.toml", Program(schema_="lmeasure.program/1", path=PATHS))
     words = ["program", "--out", tmp_path / "led", "--correct", tmp_path / "program.toml", "--rig", RIG, "--limit-deg", 45]
-    done = CliRunner().invoke(app, [str(w) for w in words])
-    assert done.exit_code == 0
-    lines = done.output.splitlines()
+    done = ran(*words)
+    lines = done.splitlines()
     assert "path inside: within the limits" in lines
-    assert "path out: NOT CHANGED: no pose near the commanded one keeps the limits" in done.output
+    assert "path out: NOT CHANGED: no pose near the commanded one keeps the limits" in done
     inside, led, out, end, weave = read_program(tmp_path / "led" / "program.toml").path
     assert (inside, out, led.kind) == (PATHS[0], PATHS[2], "points")
     points = led.points(5.0)
@@ -165,8 +163,7 @@ def test_a_path_that_turns_is_led_around_the_limits_of_a_mechanism(tmp_path: Pat
     })  # fmt: skip
     write_program(tmp_path / "program.toml", Program(schema_="lmeasure.program/1", path=(path,)))
     words = ["program", "--out", str(tmp_path / "led"), "--correct", str(tmp_path / "program.toml"), "--robot"]
-    done = CliRunner().invoke(app, [*words, "rotopod"])
-    assert done.exit_code == 0, done.output
+    ran(*words, "rotopod")
     (led,) = read_program(tmp_path / "led" / "program.toml").path
     assert (led.kind, led.end_quaternion_xyzw) == ("points", path.end_quaternion_xyzw)
     angles = []
@@ -179,9 +176,7 @@ def test_a_path_that_turns_is_led_around_the_limits_of_a_mechanism(tmp_path: Pat
     assert angles[0].min() < 11.0
     assert 12.0 - 1e-3 < angles[1].min() < angles[1].max() < 120.0 + 1e-3
     np.testing.assert_allclose(led.points(5.0)[[0, -1]], [(0.0, 100.0, 965.0)] * 2, atol=1e-9)
-    done = CliRunner().invoke(app, [*words, "crank-platform", "--force"])
-    assert done.exit_code == 2
-    assert "paths are corrected for platforms with six joints" in done.output
+    assert "paths are corrected for platforms with six joints" in refused(*words, "crank-platform", "--force", code=2)
 
 
 def test_limits_of_hooke_joints_end_the_boundary_of_logos(tmp_path: Path) -> None:
@@ -191,8 +186,7 @@ def test_limits_of_hooke_joints_end_the_boundary_of_logos(tmp_path: Path) -> Non
     files.write_toml(tmp_path / "logos.toml", legs)
     turn = Rotation.from_euler("z", 8.0, degrees=True)
     words = ["structure", str(tmp_path / "logos.toml"), "--position-mm", "0,0,713.7", "--quaternion", "fixed-xyz:0,0,8", "--boundary", "xy"]
-    done = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "s.json")])
-    assert done.exit_code == 0, done.output
+    ran(*words, "--out", tmp_path / "s.json")
     (piece,) = json.loads((tmp_path / "s.json").read_text())["boundary"]["slices"]
     assert {limit.partition(": ")[2] for limit in piece["limits"]} == {"it turns about itself too far", "a Hooke joint bends too far"}
     for place, limit in list(zip(piece["places_mm"], piece["limits"], strict=True))[::15]:
@@ -207,5 +201,4 @@ def test_limits_of_hooke_joints_end_the_boundary_of_logos(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(("words", "said"), [(["--rig", str(RIG)], "--x"), (["--correct", "p.toml"], "correct")])
 def test_a_correction_needs_program_and_rig(tmp_path: Path, words: list[str], said: str) -> None:
-    done = CliRunner().invoke(app, ["program", "--out", str(tmp_path), *words])
-    assert (done.exit_code, said in done.output) == (2, True)
+    assert said in refused("program", "--out", tmp_path, *words, code=2)

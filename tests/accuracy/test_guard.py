@@ -4,11 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from in_process import ran
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from lmeasure.accuracy import axis, guard, scan_zone, tilts
-from lmeasure.cli.app import app
 from lmeasure.io import files
 from lmeasure.recording import read_program
 from lmeasure.rig import read_rig
@@ -21,11 +20,10 @@ def test_each_part_is_told_with_its_distance_from_the_edge(tmp_path: Path) -> No
     (tmp_path / "program.toml").write_text(PROGRAM)
     span = "-300:300:50"
     arguments = ["zone", str(RIG), "--x", span, "--y", span, "--z", span, "--tilt-rad", "0.3", "--out", str(tmp_path / "zone.nc")]
-    result = CliRunner().invoke(app, [*arguments, "--path", str(tmp_path / "program.toml")])
-    assert result.exit_code == 0, result.output
-    assert "path out: pressure angle up to" in result.output
-    assert "LEAVES THE ZONE" in result.output.split("path out")[1].split("\n")[0]
-    assert "LEAVES" not in result.output.split("path round")[1]
+    result = ran(*arguments, "--path", tmp_path / "program.toml")
+    assert "path out: pressure angle up to" in result
+    assert "LEAVES THE ZONE" in result.split("path out")[1].split("\n")[0]
+    assert "LEAVES" not in result.split("path round")[1]
     table = files.read_table(tmp_path / "zone.path.csv")
     part, edge = np.array(table.text("part")), table.numbers("to_edge_mm")
     # the whole box is in the zone: its faces are the edge

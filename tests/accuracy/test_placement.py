@@ -5,13 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from in_process import ran
 from zone_oracle import pressure_angles
 from zone_rigs import cell
 
 from lmeasure.accuracy import Placement, axis, place, read_placement, scan_zone, tilts
 from lmeasure.accuracy.placement import Box, Search, Where, Work
-from lmeasure.cli.app import app
 from lmeasure.core import AccuracyError, FileFormatError
 from lmeasure.rig import read_rig, write_rig
 
@@ -111,8 +110,7 @@ def test_command_writes_a_rig_and_what_it_is_worth(tmp_path: Path) -> None:
         '[[mount]]\npoints = ["B1", "B2"]\nlow_mm = [-1500, -1500, 800]\nhigh_mm = [1500, 1500, 1500]\n'
     )
     arguments = ["place", str(tmp_path / "rig.toml"), "--task", str(tmp_path / "task.toml"), "--out", str(tmp_path / "placed")]
-    result = CliRunner().invoke(app, [*arguments, "--generations", "20"])
-    assert result.exit_code == 0, result.output
+    ran(*arguments, "--generations", "20")
     rig = read_rig(tmp_path / "placed" / "rig.toml")
     record = json.loads((tmp_path / "placed" / "placement.json").read_text())
     assert all(800 <= rig.point(name).position_mm[2] <= 1500 for name in ("B1", "B2"))

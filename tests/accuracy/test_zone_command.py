@@ -4,12 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from in_process import ran, refused
 from zone_rigs import cell, published
 
 from lmeasure.accuracy import box_around, read_zone
-from lmeasure.cli.app import app
-from lmeasure.core import LMeasureError
 from lmeasure.rig import rig_from_dict, write_rig
 
 
@@ -26,12 +24,11 @@ def box(span: str) -> list[str]:
 def test_zone_is_written_with_its_page(rig_file: Path) -> None:
     out = rig_file.with_name("zone.nc")
     arguments = ["zone", str(rig_file), *box("-200:200:100"), "--tilt-rad", "0.3", "--tilt-steps", "3", "--limit-deg", "60"]
-    result = CliRunner().invoke(app, [*arguments, "--out", str(out), "--report", str(rig_file.parent / "report")])
-    assert result.exit_code == 0, result.output
+    result = ran(*arguments, "--out", out, "--report", rig_file.parent / "report")
     zone = read_zone(out)
     assert dict(zone.sizes) == {"x": 5, "y": 5, "z": 5, "orientation": 27, "component": 4}
     assert zone.attrs["zone_volume_mm3"] == int(zone["in_zone"].sum()) * 1e6
-    assert f"{int(zone['in_zone'].sum())} of 125 nodes" in result.output
+    assert f"{int(zone['in_zone'].sum())} of 125 nodes" in result
     page = (rig_file.parent / "report" / "zone.html").read_text(encoding="utf-8")
     assert "Plotly.newPlot" in page
     assert 'src="http' not in page
@@ -42,18 +39,16 @@ def test_thesis_scan_by_its_own_angles(tmp_path: Path) -> None:
     angle = "-17.188733853924695:17.188733853924695:17.188733853924695"
     arguments = ["zone", str(tmp_path / "rig.toml"), "--x", "-750:750:250", "--y", "-750:750:250", "--z", "-300:700:250"]
     arguments += ["--o", angle, "--a", angle, "--t", angle, "--length-mm", "700:2300", "--out", str(tmp_path / "zone.nc")]
-    result = CliRunner().invoke(app, arguments)
-    assert result.exit_code == 0, result.output
-    assert "0 of 245 nodes are in the zone (27 orientations each" in result.output
+    result = ran(*arguments)
+    assert "0 of 245 nodes are in the zone (27 orientations each" in result
 
 
 def test_without_ranges_the_box_is_around_the_rig_and_said(rig_file: Path) -> None:
     out = rig_file.with_name("zone.nc")
-    result = CliRunner().invoke(app, ["zone", str(rig_file), "--limit-deg", "45", "--out", str(out)])
-    assert result.exit_code == 0, result.output
+    result = ran("zone", rig_file, "--limit-deg", "45", "--out", out)
     (x, y, z), rig = box_around(cell()), cell()
     written = " ".join(f"--{name} {a:g}:{b:g}:{step:g}" for name, (a, b, step) in zip("xyz", (x, y, z), strict=True))
-    assert result.output.startswith(f"no range stated; the box is {written}, around the rig\n")
+    assert result.startswith(f"no range stated; the box is {written}, around the rig\n")
     zone, points = read_zone(out), np.array([p.position_mm for p in rig.observation_point])
     for axis, name in enumerate("xyz"):
         nodes = zone[name].values
@@ -61,12 +56,12 @@ def test_without_ranges_the_box_is_around_the_rig_and_said(rig_file: Path) -> No
         assert nodes[-1] >= max(points[:, axis].max(), 0.0)
         assert 5 < len(nodes) < 40
     # what it says is what does it again
-    again = CliRunner().invoke(app, ["zone", str(rig_file), "--limit-deg", "45", *written.split(), "--force", "--out", str(out)])
-    assert result.output.splitlines()[1:3] == again.output.splitlines()[:2]
-    assert "no range" not in again.output
+    again = ran("zone", rig_file, "--limit-deg", "45", *written.split(), "--force", "--out", out)
+    assert result.splitlines()[1:3] == again.splitlines()[:2]
+    assert "no range" not in again
     some = written.split()[:2]
-    part = CliRunner().invoke(app, ["zone", str(rig_file), "--limit-deg", "45", *some, "--force", "--out", str(out)])
-    assert part.output.startswith(f"no range stated for --y, --z; the box is {' '.join(written.split()[2:])}, around the rig\n")
+    part = ran("zone", rig_file, "--limit-deg", "45", *some, "--force", "--out", out)
+    assert part.startswith(f"no range stated for --y, --z; the box is {' '.join(written.split()[2:])}, around the rig\n")
 
 
 @pytest.mark.parametrize("places", [[(0, 0, 0)], [(10, 20, 3000), (900, -700, 3000)], [(1e5, 0, 0), (0, 1, 0)]])
@@ -84,17 +79,14 @@ def test_a_box_around_points_of_any_shape(places: list[tuple[float, float, float
 
 
 def test_an_empty_zone_says_what_to_do(rig_file: Path) -> None:
-    result = CliRunner().invoke(
-        app, ["zone", str(rig_file), *box("-100:100:100"), "--limit-deg", "1", "--out", str(rig_file.parent / "z.nc")]
-    )
-    assert result.exit_code == 0, result.output
-    assert "no position of the box is in the zone; pressure angle alone excludes 27 nodes" in result.output
-    assert f"lmeasure place {rig_file} --task placement.toml --out placed" in result.output
+    result = ran("zone", rig_file, *box("-100:100:100"), "--limit-deg", "1", "--out", rig_file.parent / "z.nc")
+    assert "no position of the box is in the zone; pressure angle alone excludes 27 nodes" in result
+    assert f"lmeasure place {rig_file} --task placement.toml --out placed" in result
     whole = rig_file.parent / "z-whole.nc"
-    assert result.output.splitlines()[-1] == f"next: lmeasure zone {rig_file} --out {whole}"
+    assert result.splitlines()[-1] == f"next: lmeasure zone {rig_file} --out {whole}"
     # the box around the rig has no node within a degree either: then the points have to move
-    again = CliRunner().invoke(app, ["zone", str(rig_file), "--limit-deg", "1", "--out", str(whole)])
-    assert again.output.splitlines()[-1] == f"next: lmeasure place {rig_file} --task placement.toml --out placed"
+    again = ran("zone", rig_file, "--limit-deg", "1", "--out", whole)
+    assert again.splitlines()[-1] == f"next: lmeasure place {rig_file} --task placement.toml --out placed"
 
 
 @pytest.mark.parametrize(
@@ -107,8 +99,7 @@ def test_an_empty_zone_says_what_to_do(rig_file: Path) -> None:
 )  # fmt: skip
 def test_wrong_usage_is_exit_2_and_writes_nothing(rig_file: Path, wrong: list[str]) -> None:
     out = rig_file.with_name("zone.nc")
-    result = CliRunner().invoke(app, ["zone", str(rig_file), *box("0:0:1"), "--out", str(out), *wrong])
-    assert result.exit_code == 2, result.output
+    refused("zone", rig_file, *box("0:0:1"), "--out", out, *wrong, code=2)
     assert not out.exists()
 
 
@@ -123,16 +114,14 @@ def test_every_limit_and_way_of_computing_by_options(rig_file: Path) -> None:
     arguments += ["--u95-rotation-deg", "2", "--u95-attachment-mm", "8", "--clearance-mm", "5", "--bodies", str(folder / "bodies.toml")]
     arguments += ["--singularity", "0.001", "--one-assembly", "--length-mm", "200:3000", "--refine", "0.05", "--workers", "1"]
     arguments += ["--checkpoint", str(folder / "kept"), "--out", str(folder / "zone.nc")]
-    first = CliRunner().invoke(app, arguments)
-    assert first.exit_code == 0, first.output
+    first = ran(*arguments)
     zone = read_zone(folder / "zone.nc")
     for name in ("u95_rotation_deg", "u95_attachment_mm", "clearance_mm", "largest_wrap_deg", "assembly", "singularity_distance"):
         assert name in zone
     assert "refined_volume_mm3" in zone.attrs
     assert zone.attrs["limit_clearance_mm"] == 5.0
     # the kept chunks give the same again
-    second = CliRunner().invoke(app, [*arguments, "--force"])
-    assert second.output == first.output
+    assert ran(*arguments, "--force") == first
     assert read_zone(folder / "zone.nc").attrs["result_sha256"] == zone.attrs["result_sha256"]
 
 
@@ -151,18 +140,14 @@ def test_every_limit_and_way_of_computing_by_options(rig_file: Path) -> None:
 )
 def test_limits_that_make_no_sense_are_one_line(rig_file: Path, wrong: list[str], said: str) -> None:
     out = rig_file.with_name("zone.nc")
-    result = CliRunner().invoke(app, ["zone", str(rig_file), *box("0:0:1"), "--out", str(out), *wrong])
-    assert isinstance(result.exception, LMeasureError)
-    assert said in str(result.exception)
+    assert said in refused("zone", rig_file, *box("0:0:1"), "--out", out, *wrong)
     assert not out.exists()
 
 
 def test_a_broken_chunk_is_named(rig_file: Path) -> None:
     kept = rig_file.with_name("kept")
     words = ["zone", str(rig_file), *box("0:0:1"), "--out", str(rig_file.with_name("zone.nc")), "--checkpoint", str(kept)]
-    assert CliRunner().invoke(app, words).exit_code == 0
+    ran(*words)
     for content in (b"", b"garbage", (kept / "chunk-000000.npz").read_bytes()[:300]):
         (kept / "chunk-000000.npz").write_bytes(content)
-        result = CliRunner().invoke(app, [*words, "--force"])
-        assert isinstance(result.exception, LMeasureError)
-        assert "chunk-000000.npz: is no chunk of a scan" in str(result.exception)
+        assert "chunk-000000.npz: is no chunk of a scan" in refused(*words, "--force")

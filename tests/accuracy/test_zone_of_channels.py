@@ -7,16 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from in_process import ran, refused
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
-from typer.testing import CliRunner
 
 from lmeasure.accuracy import Placement, Scan, exact_radius_95, guard, map_zone, tilts
 from lmeasure.accuracy.placement import Search, Where, Work
 from lmeasure.accuracy.readings import worst_figures
 from lmeasure.accuracy.scan import Plan, run
 from lmeasure.accuracy.zone import make_plan
-from lmeasure.cli.app import app
 from lmeasure.core import AccuracyError, FloatArray, RigError
 from lmeasure.kernels import BASE, BODY_COLUMNS, LONGEST, SHORTEST, SPEED2, U95_POSITION
 from lmeasure.recording import Program
@@ -198,19 +197,16 @@ def test_the_command_maps_faults_and_guards_a_program(tmp_path: Path) -> None:
     rig, out = AUTHORITY / "swivel-run" / "rig.toml", tmp_path / "zone.nc"
     box = ["--x", "-100:100:100", "--y", "0:100:100", "--z", "0:0:1", "--tilt-rad", "0.1"]
     words = ["zone", str(rig), *box, "--reliability", "--report", str(tmp_path), "--out", str(out), "--language", "ru"]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0, (done.output, done.exception)
+    done = ran(*words)
     zone = xr.load_dataset(out, engine="h5netcdf")
     assert zone.least_fault.dims == ("x", "y", "z", "channel")
     assert zone.channel.values.tolist()[5:7] == ["c6", "sw1"]
     assert zone.channel_unit.values.tolist()[5:7] == ["mm", "degree"]
     assert (zone.least_fault_apart >= zone.least_fault).all()
-    assert "sw6: " in done.output
+    assert "sw6: " in done
     assert "Обнаруживаемые ошибки" in (tmp_path / "zone.html").read_text(encoding="utf-8")
     pose = {"name": "P1", "position_mm": (0.0, 50.0, 0.0), "quaternion_xyzw": (0.0, 0.0, 0.0, 1.0), "windows_s": ()}
     program = Program.model_validate({"schema": "lmeasure.program/1", "pose": [pose]})
     (part,) = guard(read_rig(rig), None, zone, program, rotation=Rotation.identity())
     assert 0.005 < part.u95_mm[0] < 0.02
-    refused = CliRunner().invoke(app, ["zone", str(rig), *box, "--boundary", "--out", str(tmp_path / "b.nc")])
-    assert refused.exit_code == 1
-    assert "encoders" in str(refused.exception)
+    assert "encoders" in refused("zone", rig, *box, "--boundary", "--out", tmp_path / "b.nc")

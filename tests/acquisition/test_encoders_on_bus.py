@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from feed_process import UNSENT
+from in_process import ran
 from test_buses import a_group, feeding
-from typer.testing import CliRunner
 
-from lmeasure.cli.app import app
 from lmeasure.core import Status
 from lmeasure.core.se3 import displacement
 from lmeasure.recording import read_run
@@ -84,8 +83,5 @@ def test_twelve_channels_are_recorded_live_without_a_start(tmp_path: Path) -> No
     truth = np.loadtxt(TRUTH / "truth.csv", delimiter=",", skiprows=1)[::5, 1:]
     assert np.abs(displacement(found.poses[:moving], truth)[:, 3:]).max() < 0.05
     # the log that was recorded, imported as if it came from elsewhere
-    done = CliRunner().invoke(
-        app, ["import", str(tmp_path / "run" / "pass1.log"), "--rig", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "again")]
-    )
-    assert done.exit_code == 0, done.output
+    ran("import", tmp_path / "run" / "pass1.log", "--rig", tmp_path / "rig.toml", "--out", tmp_path / "again")
     np.testing.assert_array_equal(read_run(tmp_path / "again").passes[0].recorded, recorded)

@@ -10,14 +10,13 @@ import can
 import numpy as np
 import pytest
 from blf_files import blf, blf_object, can_message
+from in_process import ran
 from log_corpus import messages, write
 from log_fuzz import START_POSE, counter_log, six_cables
-from typer.testing import CliRunner
 
 import lmeasure as lm
 from lmeasure.acquisition.bus.canopen import DataSheet
 from lmeasure.acquisition.bus.frames import CLASSED, ERROR, EXTENDED
-from lmeasure.cli.app import app
 from lmeasure.core import FileFormatError
 from lmeasure.io import files
 from lmeasure.recording import read_run
@@ -305,9 +304,8 @@ def test_an_import_says_what_it_did_not_read(tmp_path: Path) -> None:
     path.write_text("\n".join(lines) + "\n")
     write_rig(tmp_path / "rig.toml", six_cables())
     words = ["import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", "--start", "0,0,0,0,0,0,1", "--json"]
-    done = CliRunner().invoke(app, [str(word) for word in words])
-    assert done.exit_code == 0, done.output
-    reported = json.loads(done.stdout)
+    done = ran(*words)
+    reported = json.loads(done)
     note = f"1 of {len(lines)} lines could not be read (1 unknown); the first is line 101: 'something else' (not as candump writes it)"
     assert (reported["figures"]["unread"], reported["figures"]["lines"]) == (1, len(lines))
     assert any(note in warning for warning in reported["warnings"])

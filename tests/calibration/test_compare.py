@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.stats
 from bench import client
-from typer.testing import CliRunner
+from in_process import ran, refused
 
 from lmeasure.calibration import (
     Calibration,
@@ -22,7 +22,6 @@ from lmeasure.calibration import (
     read_earlier,
 )
 from lmeasure.calibration.validation.compare import Earlier
-from lmeasure.cli.app import app
 from lmeasure.core import CalibrationError, FileFormatError
 from lmeasure.io import write_table
 from lmeasure.recording import write_poses
@@ -160,21 +159,18 @@ def write_folder(folder: Path, rig: Rig, seed: int) -> None:
 def test_command_prints_the_table_and_writes_it_into_the_page(tmp_path: Path) -> None:
     write_folder(tmp_path / "a", three_drums(), 1)
     write_folder(tmp_path / "b", three_drums(shift_mm=1.0), 2)
-    runner = CliRunner()
-    assert runner.invoke(app, ["calibrate", str(tmp_path / "a"), "--out", str(tmp_path / "old")]).exit_code == 0
+    ran("calibrate", tmp_path / "a", "--out", tmp_path / "old")
     for old in (tmp_path / "old", tmp_path / "old" / "calibration.json"):
-        result = runner.invoke(app, ["calibrate", str(tmp_path / "b"), "--force", "--out", str(tmp_path / "new"), "--compare", str(old)])
-        assert result.exit_code == 0, result.output
-        assert f"compared with {old}: something moved" in result.output
-        moved = [line.split()[0] for line in result.output.splitlines() if line.endswith(" moved")]
+        result = ran("calibrate", tmp_path / "b", "--force", "--out", tmp_path / "new", "--compare", old)
+        assert f"compared with {old}: something moved" in result
+        moved = [line.split()[0] for line in result.splitlines() if line.endswith(" moved")]
         assert "B2" in moved
         assert "B1" not in moved
     # by the records alone, the same of the points, in the terminal and on the workbench's page
-    own = runner.invoke(app, ["compare", str(tmp_path / "old"), str(tmp_path / "new"), "--out", str(tmp_path / "moved.json")])
-    assert own.exit_code == 0, own.output
-    points = [line for line in result.output.splitlines() if line.startswith(("B1 ", "B2 ", "B3 ", "all "))]
+    own = ran("compare", tmp_path / "old", tmp_path / "new", "--out", tmp_path / "moved.json")
+    points = [line for line in result.splitlines() if line.startswith(("B1 ", "B2 ", "B3 ", "all "))]
     assert len(points) == 4
-    assert [line for line in own.output.splitlines() if line.startswith(("B1 ", "B2 ", "B3 ", "all "))] == points
+    assert [line for line in own.splitlines() if line.startswith(("B1 ", "B2 ", "B3 ", "all "))] == points
     with client(tmp_path) as asked:
         text = unescape(asked.get("/calibrations?old=old/calibration.json&new=new/calibration.json").text)
     rows = [re.sub(r"<[^>]*>", " ", row).split() for row in re.findall(r"<tr class=.*?</tr>", text)]
@@ -186,8 +182,7 @@ def test_command_prints_the_table_and_writes_it_into_the_page(tmp_path: Path) ->
             shift = f"{value['new'] - value['old']:+.4f}\xa0±\xa0{1.959964 * value['u']:.4f}"
             assert shift.replace("-", "\u2212") in text, value
     for words in (["old"], ["old", "new", "old"], ["old", "new", "--page", "page.html"]):
-        refused = runner.invoke(app, ["compare", *(str(tmp_path / w) if w[0] != "-" else w for w in words)])
-        assert refused.exit_code == 2, refused.output
+        refused("compare", *(tmp_path / w if w[0] != "-" else w for w in words), code=2)
     page = (tmp_path / "new" / "report.html").read_text()
     assert "Since the calibration" in page
     assert "Something moved beyond the uncertainties." in page

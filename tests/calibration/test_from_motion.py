@@ -9,16 +9,15 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from in_process import ran, refused
 from scipy import stats
 from scipy.spatial.transform import Rotation
 from test_with_encoders import campaign_of as campaign_at, swivelled
-from typer.testing import CliRunner
 
 from lmeasure.calibration import CalibrationSettings, Distance, calibrate, continued, unknowns_of
 from lmeasure.calibration.campaign.known_lengths import distance_of
 from lmeasure.calibration.solve.frame import model_of
 from lmeasure.calibration.solve.run_samples import campaign_of
-from lmeasure.cli.app import app
 from lmeasure.core import CalibrationError, FloatArray, se3
 from lmeasure.recording import Run, read_run, write_run
 from lmeasure.rig import CalibrationRecord, Rig, rig_from_dict, value_of, with_values
@@ -182,10 +181,9 @@ def test_a_rig_that_has_moved_is_refused_and_what_moved_is_named(tmp_path: Path)
     run = ordinary(moved, 1)
     write_run(tmp_path / "run", run)
     out = tmp_path / "out"
-    result = CliRunner().invoke(app, ["calibrate", str(tmp_path / "run"), "--continue", "--out", str(out)])
-    assert result.exit_code == 1
-    assert "contradicts the record" in str(result.exception)
-    assert "B5" in str(result.exception)
+    result = refused("calibrate", tmp_path / "run", "--continue", "--out", out)
+    assert "contradicts the record" in result
+    assert "B5" in result
     assert not (out / "rig.toml").exists()
     assert rig.name == run.rig.name
 
@@ -207,19 +205,14 @@ def test_counts_that_were_lost_are_no_point_that_moved() -> None:
 def test_commands_write_a_new_rig_or_one_line(tmp_path: Path) -> None:
     true, _, _ = recorded("typical")
     write_run(tmp_path / "run", ordinary(true, 2))
-    invoke = CliRunner().invoke
-    folder = str(tmp_path / "run")
-    result = invoke(app, ["calibrate", folder, "--continue", "--samples", "20", "--out", str(tmp_path / "new")])
-    assert result.exit_code == 0, result.output
+    asked = ["calibrate", tmp_path / "run", "--out"]
+    assert "the region of the predicted lengths" in ran(*asked, tmp_path / "new", "--continue", "--samples", "20")
     assert (tmp_path / "new" / "rig.toml").exists()
-    assert "the region of the predicted lengths" in result.output
     for more, text in (
-        (["--out", str(tmp_path / "x")], "a run has no reference poses"),
-        (["--self", "--distance", "start,99,100,0.1", "--out", str(tmp_path / "x")], "99 s lies outside of"),
-        (["--continue", "--rig", str(tmp_path / "new" / "rig.toml"), "--out", str(tmp_path / "x")], "are in the record already"),
+        ([], "a run has no reference poses"),
+        (["--self", "--distance", "start,99,100,0.1"], "99 s lies outside of"),
+        (["--continue", "--rig", tmp_path / "new" / "rig.toml"], "are in the record already"),
     ):
-        result = invoke(app, ["calibrate", folder, *more])
-        assert result.exit_code == 1
-        assert text in str(result.exception)
-    assert invoke(app, ["calibrate", folder, "--self", "--distance", "start,100,0.1", "--out", str(tmp_path / "x")]).exit_code == 2
+        assert text in refused(*asked, tmp_path / "x", *more)
+    refused(*asked, tmp_path / "x", "--self", "--distance", "start,100,0.1", code=2)
     assert not (tmp_path / "x" / "rig.toml").exists()

@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from in_process import ran, refused
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from lmeasure.calibration import Calibration, CalibrationSettings, Campaign, calibrate, read_campaign, unknowns_of
 from lmeasure.calibration.solve.frame import model_of, motions, moved
 from lmeasure.calibration.solve.joint_estimation import solve_jointly
 from lmeasure.calibration.solve.unknown_poses import free_components
-from lmeasure.cli.app import app
 from lmeasure.core import CalibrationError, FloatArray
 from lmeasure.io import write_table
 from lmeasure.io.tables import read_table
@@ -231,9 +230,8 @@ def test_the_command_writes_the_poses_it_found(tmp_path: Path) -> None:
         rig, 40, np.random.default_rng(0), centre=HOME, half_mm=(300,) * 3, tilt_rad=0.4, u_position_mm=2.0, nominal_shift_mm=5.0
     )
     write_campaign(tmp_path / "folder", made)
-    done = CliRunner().invoke(app, ["calibrate", str(tmp_path / "folder"), "--out", str(tmp_path / "out"), "--self", "--frame", "poses"])
-    assert done.exit_code == 0, done.output
-    assert "6 motions of rig and poses together are free; the frame minimizes the shifts from" in done.output
+    done = ran("calibrate", tmp_path / "folder", "--out", tmp_path / "out", "--self", "--frame", "poses")
+    assert "6 motions of rig and poses together are free; the frame minimizes the shifts from" in done
     poses = read_poses(tmp_path / "out" / "poses.csv", "puma-oat")
     place, _ = aligned(poses.rows, made.poses)
     assert np.sqrt(np.mean(place**2)) < 0.05
@@ -242,5 +240,4 @@ def test_the_command_writes_the_poses_it_found(tmp_path: Path) -> None:
         "6 motions of rig and poses together are free; the frame minimizes the shifts from"
         in (tmp_path / "out" / "report.html").read_text()
     )
-    bad = CliRunner().invoke(app, ["calibrate", str(tmp_path / "folder"), "--out", str(tmp_path / "out"), "--frame", "floor"])
-    assert bad.exit_code == 2
+    refused("calibrate", tmp_path / "folder", "--out", tmp_path / "out", "--frame", "floor", code=2)

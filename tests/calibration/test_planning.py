@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from in_process import ran
 from planned import CELL, IDENTITY, RIG, random_rows, two_drums
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 from zeroed import zeroed_exactly
 
 import lmeasure as lm
@@ -31,7 +31,7 @@ from lmeasure.calibration import (
 from lmeasure.calibration.plan.candidates import APART, candidates
 from lmeasure.calibration.solve.noise import Noise
 from lmeasure.calibration.solve.unknowns import rig_with
-from lmeasure.cli.app import app, main as command
+from lmeasure.cli.app import main as command
 from lmeasure.core import CalibrationError
 from lmeasure.estimation import Criterion, empty, estimated_covariance, fit, grown, improved, parameter_information
 from lmeasure.io import write_table
@@ -275,9 +275,7 @@ def test_command_extends_with_all_that_the_folder_states(tmp_path: Path) -> None
     write_table(folder / "counts.csv", {"pose": [str(i + 1) for i in order]} | {c.channel: counts[:, j] for j, c in enumerate(rig.cable)})
     out = tmp_path / "more.csv"
     arguments = ["plan-poses", str(folder / "rig.toml"), "--poses", "2", "--extend", str(folder), "--tilt-deg", "15", "--out", str(out)]
-    result = CliRunner().invoke(app, [*arguments, "--u-position-mm", "0.05", "--quaternions"])
-    assert result.exit_code == 0, result.output
-    assert "temperature_c" in result.output
+    assert "temperature_c" in ran(*arguments, "--u-position-mm", "0.05", "--quaternions")
     table, found = read_table(out), read_poses(out, rig.angles)
     assert found.names == tuple("12345678")
     assert found.covariance is not None
@@ -294,9 +292,8 @@ def test_command_writes_poses_that_calibrate(tmp_path: Path) -> None:
     rig = two_drums()
     write_rig(folder / "rig.toml", rig)
     arguments = ["plan-poses", str(folder / "rig.toml"), "--poses", "8", "--box=-300:300,-300:300,-300:300", "--tilt-deg", "17"]
-    result = CliRunner().invoke(app, [*arguments, "--criterion", "I", "--out", str(folder / "reference_poses.csv")])
-    assert result.exit_code == 0, result.output
-    assert "14 equations, 10 parameters, 10 combinations determined by the counts" in result.output
+    result = ran(*arguments, "--criterion", "I", "--out", folder / "reference_poses.csv")
+    assert "14 equations, 10 parameters, 10 combinations determined by the counts" in result
     poses = read_poses(folder / "reference_poses.csv", rig.angles)
     assert len(poses) == 8
     assert poses.absent == ("position", "rotation")  # how well they are known is not said by planning them

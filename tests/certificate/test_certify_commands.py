@@ -9,10 +9,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from campaigns import write_campaign
-from typer.testing import CliRunner
+from in_process import code_and_text
 
 from lmeasure.certificate import dcc_xml
-from lmeasure.cli.app import app, main
+from lmeasure.cli.app import main
 from lmeasure.core import LMeasureError
 
 
@@ -23,21 +23,12 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def run(*arguments: str | Path) -> tuple[int, str]:
-    """Exit code and what was printed; an LMeasureError is what `main` turns into its one line and 1."""
-    done = CliRunner().invoke(app, [str(a) for a in arguments])
-    if isinstance(done.exception, LMeasureError):
-        return 1, str(done.exception)
-    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
-    return done.exit_code, done.output
-
-
 def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
     given = (campaign / "trajectory.parquet", "--run", campaign / "run", "--program", campaign / "program.toml")
     key, out, details = tmp_path / "k.pem", tmp_path / "c", tmp_path / "details.toml"
     details.write_text('schema = "lmeasure.report/1"\ncountry = "RU"\n')
-    assert run("key", "--out", key)[0] == 0
-    code, text = run(
+    assert code_and_text("key", "--out", key)[0] == 0
+    code, text = code_and_text(
         "certify",
         *given,
         "--out",
@@ -60,11 +51,14 @@ def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
     assert "\nХарактеристик: 52, из них с U95, достаточно малой для решения: " in text
     assert len(text.splitlines()) < 20
     for target in (out, tmp_path / "c.zip"):
-        code, text = run("verify", target, "--public-key", f"{key}.pub")
+        code, text = code_and_text("verify", target, "--public-key", f"{key}.pub")
         assert code == 0, text
         assert "results recomputed and equal to the digit" in text
-    assert run("certify", *given, "--out", tmp_path / "d", "--tool-offset-mm", "0,0,1", "--capability", "0.1", "--trials", "200")[0] == 0
-    code, text = run("compare", out, tmp_path / "d" / "certificate.json", "--out", tmp_path / "compared.json")
+    assert (
+        code_and_text("certify", *given, "--out", tmp_path / "d", "--tool-offset-mm", "0,0,1", "--capability", "0.1", "--trials", "200")[0]
+        == 0
+    )
+    code, text = code_and_text("compare", out, tmp_path / "d" / "certificate.json", "--out", tmp_path / "compared.json")
     assert code == 0, text
     assert "certified with other settings" in text
     assert (tmp_path / "compared.json").exists()
@@ -72,10 +66,10 @@ def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
         page.write(b"x")
     with (tmp_path / "c.zip").open("ab") as packed:
         packed.write(b"x")
-    code, text = run("verify", out)
+    code, text = code_and_text("verify", out)
     assert code == 1
     assert text.splitlines()[1].startswith("report.html: was changed")
-    code, text = run("verify", tmp_path / "c.zip")
+    code, text = code_and_text("verify", tmp_path / "c.zip")
     assert code == 1
     assert "c.zip: was changed" in text
 
@@ -105,7 +99,9 @@ def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_meant_writes_nothing(campaign: Path, tmp_path: Path, options: tuple[str, ...], code: int, reported: str) -> None:
-    got, text = run("certify", campaign / "trajectory.parquet", "--program", campaign / "program.toml", "--out", tmp_path / "c", *options)
+    got, text = code_and_text(
+        "certify", campaign / "trajectory.parquet", "--program", campaign / "program.toml", "--out", tmp_path / "c", *options
+    )
     assert got == code, text
     assert reported in " ".join(text.replace("│", " ").split())
     assert list(tmp_path.iterdir()) == []
@@ -125,7 +121,7 @@ def test_what_cannot_be_meant_writes_nothing(campaign: Path, tmp_path: Path, opt
 def test_a_tolerance_that_decides_nothing_is_refused(campaign: Path, tmp_path: Path, tolerances: str, reported: str) -> None:
     program = tmp_path / "program.toml"
     program.write_text((campaign / "program.toml").read_text() + tolerances)
-    code, text = run("certify", campaign / "trajectory.parquet", "--program", program, "--trials", "100", "--out", tmp_path / "c")
+    code, text = code_and_text("certify", campaign / "trajectory.parquet", "--program", program, "--trials", "100", "--out", tmp_path / "c")
     assert code == 1
     assert reported in text
     assert not (tmp_path / "c").exists()
@@ -143,7 +139,7 @@ def test_a_path_of_which_a_part_was_not_seen_is_not_certified(campaign: Path, tm
     seen = (time < begin + 0.4 * (end - begin)) | (time > begin + 0.6 * (end - begin))
     holed = tmp_path / "holed.parquet"
     pq.write_table(table.filter(pa.array(seen)), holed)
-    code, text = run("certify", holed, "--program", campaign / "program.toml", "--trials", "100", "--out", tmp_path / "c")
+    code, text = code_and_text("certify", holed, "--program", campaign / "program.toml", "--trials", "100", "--out", tmp_path / "c")
     assert code == 1
     assert re.fullmatch(
         r"path line, cycle 3: there are no samples from [\d.]+ to [\d.]+ s, on [\d.]+ mm of the path: "
@@ -158,14 +154,14 @@ def test_a_path_of_which_a_part_was_not_seen_is_not_certified(campaign: Path, tm
 def test_what_is_no_calibration_beside_one_is_named(tmp_path: Path) -> None:
     (tmp_path / "calibrated").mkdir()
     (tmp_path / "calibrated" / "calibration.json").write_text("{}")
-    code, text = run("compare", tmp_path / "calibrated", "nowhere")
+    code, text = code_and_text("compare", tmp_path / "calibrated", "nowhere")
     assert code == 2
     assert "nowhere: contains no calibration.json; to compare calibrations, give two folders" in " ".join(text.replace("│", " ").split())
 
 
 def test_the_load_that_a_compliance_test_needs_is_asked_for_by_its_option(tmp_path: Path) -> None:
     box = ("--x", "0:100", "--y", "0:100", "--z", "0:100")
-    code, text = run("program", *box, "--tests", "compliance", "--out", tmp_path / "p")
+    code, text = code_and_text("program", *box, "--tests", "compliance", "--out", tmp_path / "p")
     assert code == 1
     assert text.startswith("the compliance test needs a load (--loads, loads_kg)")
     assert not (tmp_path / "p").exists()
@@ -174,7 +170,9 @@ def test_the_load_that_a_compliance_test_needs_is_asked_for_by_its_option(tmp_pa
 def test_conformity_is_told_on_the_screen(campaign: Path, tmp_path: Path) -> None:
     program = tmp_path / "program.toml"
     program.write_text((campaign / "program.toml").read_text() + '[[tolerance]]\ncharacteristic = "AP_p"\nupper = 0.01\n')
-    code, text = run("certify", campaign / "trajectory.parquet", "--program", program, "--trials", "100", "--full", "--out", tmp_path / "c")
+    code, text = code_and_text(
+        "certify", campaign / "trajectory.parquet", "--program", program, "--trials", "100", "--full", "--out", tmp_path / "c"
+    )
     assert code == 0, text
     # each pose, and the worst again in the headline
     assert sum("U95 small enough; fail (< 0.1 %); ≤ 0.01" in line for line in text.splitlines()) == 4
@@ -194,7 +192,7 @@ def test_an_interrupted_command_says_so(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_a_program_is_written_with_its_commands_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     box = ("--x", "0:100", "--y", "0:100", "--z", "0:100", "--tests", "pose", "--out", tmp_path)
-    assert run("program", *box, "--cycles", "pose=2")[0] == 0
+    assert code_and_text("program", *box, "--cycles", "pose=2")[0] == 0
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert set(before) == {"program.toml", "commands.csv", "robodk.csv"}
 
@@ -202,7 +200,7 @@ def test_a_program_is_written_with_its_commands_or_not_at_all(tmp_path: Path, mo
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("lmeasure.iso9283.program.command_files.write_robodk", full)
-    code, text = run("program", *box, "--cycles", "pose=3", "--force")
+    code, text = code_and_text("program", *box, "--cycles", "pose=3", "--force")
     assert code == 1
     assert "robodk.csv: cannot be written: No space left on device" in text
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
@@ -224,7 +222,7 @@ def test_a_program_is_written_with_its_commands_or_not_at_all(tmp_path: Path, mo
     ],
 )
 def test_a_program_that_cannot_be_is_one_line(options: tuple[str, ...], reported: str, tmp_path: Path) -> None:
-    code, text = run("program", "--x", "0:100", "--y", "0:100", "--z", "0:100", "--out", tmp_path / "p", *options)
+    code, text = code_and_text("program", "--x", "0:100", "--y", "0:100", "--z", "0:100", "--out", tmp_path / "p", *options)
     assert code == 1
     assert reported in text
     assert not (tmp_path / "p").exists()
@@ -238,14 +236,14 @@ def test_a_trajectory_by_another_rig_than_the_runs_is_told_which_option_names_it
     rig = tmp_path / "rig.toml"
     stated = (campaign / "run" / "rig.toml").read_text(encoding="utf-8")
     rig.write_text(re.sub(r"pulley_radius_mm = \d+", "pulley_radius_mm = 31", stated), encoding="utf-8")
-    assert run("reconstruct", campaign / "run", "--rig", rig, "--out", tmp_path / "t.parquet")[0] == 0
+    assert code_and_text("reconstruct", campaign / "run", "--rig", rig, "--out", tmp_path / "t.parquet")[0] == 0
     given = ("certify", tmp_path / "t.parquet", "--run", campaign / "run", "--program", campaign / "program.toml", "--trials", "200")
-    code, text = run(*given, "--out", tmp_path / "c")
+    code, text = code_and_text(*given, "--out", tmp_path / "c")
     assert code == 1
     assert "is not what the run's counts give" in text
     assert text.endswith("if it was reconstructed with another rig than the run's own, --rig names it")
     assert not (tmp_path / "c").exists()
-    code, text = run(*given, "--rig", rig, "--out", tmp_path / "c")
+    code, text = code_and_text(*given, "--rig", rig, "--out", tmp_path / "c")
     assert code == 0, text
 
 
@@ -261,11 +259,11 @@ def test_a_template_a_reference_and_an_authorised_signer(campaign: Path, tmp_pat
         "[dates]\nmeasured_to = 2026-03-01\n"
     )
     for name in ("head", "other"):
-        assert run("key", "--out", tmp_path / f"{name}.pem")[0] == 0
+        assert code_and_text("key", "--out", tmp_path / f"{name}.pem")[0] == 0
         (tmp_path / name).mkdir()
         (tmp_path / f"{name}.pem.pub").rename(tmp_path / name / f"{name}.pub")
     files = ("--program", campaign / "program.toml", "--details", tmp_path / "details.toml", "--key", tmp_path / "head.pem")
-    code, text = run("certify", campaign / "trajectory.parquet", *files, "--trials", "100", "--out", tmp_path / "c")
+    code, text = code_and_text("certify", campaign / "trajectory.parquet", *files, "--trials", "100", "--out", tmp_path / "c")
     assert code == 0, text
     content = json.loads((tmp_path / "c" / "certificate.json").read_text())
     assert (content["language"], content["settings"]["rule"]) == ("ru", "simple")
@@ -274,9 +272,9 @@ def test_a_template_a_reference_and_an_authorised_signer(campaign: Path, tmp_pat
     )
     assert "valid until 2026-01-31; it was used on 2026-03-01" in " ".join(content["notes"])
     assert (tmp_path / "c" / "inputs" / "tracker.xml").is_file()
-    code, text = run("verify", tmp_path / "c", "--public-key", tmp_path / "head")
+    code, text = code_and_text("verify", tmp_path / "c", "--public-key", tmp_path / "head")
     assert (code, text.startswith("authorised: head")) == (0, True), text
-    code, text = run("verify", tmp_path / "c", "--public-key", tmp_path / "other")
+    code, text = code_and_text("verify", tmp_path / "c", "--public-key", tmp_path / "other")
     assert (code, text.startswith("NOT authorised")) == (1, True), text
     assert "1 difference" in text
 
@@ -287,7 +285,7 @@ def test_a_calibration_by_an_expired_reference_warns(tmp_path: Path) -> None:
     period = "<dcc:statement><dcc:date>2020-01-01</dcc:date><dcc:period>P1Y</dcc:period></dcc:statement></dcc:statements>"
     stated = {"id": "T-1", "created": "2020-01-01T00:00:00Z", "details": {"country": "DE"}, "environment": {}, "characteristics": []}
     (folder / "reference.xml").write_text(dcc_xml(stated).decode().replace("</dcc:statements>", period))
-    code, text = run("calibrate", folder, "--out", tmp_path / "out")
+    code, text = code_and_text("calibrate", folder, "--out", tmp_path / "out")
     assert (code, "T-1 was valid until 2021-01-01" in text) == (0, True), text
     record = json.loads((tmp_path / "out" / "calibration.json").read_text())
     assert [w["code"] for w in record["warnings"]].count("reference") == 1

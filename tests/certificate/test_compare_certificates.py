@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from campaigns import write_campaign
-from typer.testing import CliRunner
+from in_process import ran, refused
 
 from lmeasure.certificate import (
     SIGNIFICANT,
@@ -24,7 +24,6 @@ from lmeasure.certificate import (
     read_certificate,
 )
 from lmeasure.certificate.content import METHOD
-from lmeasure.cli.app import app
 from lmeasure.core import FloatArray, LMeasureError
 from lmeasure.iso9283 import CertificationSettings
 from lmeasure.report import Choices, write_certificate
@@ -292,21 +291,17 @@ def test_the_page_of_a_correction(tmp_path: Path) -> None:
     for language, words in (("en", "times nearer to its commanded poses"), ("ru", "ближе к заданным позам")):
         page = tmp_path / f"{language}.html"
         asked = [*given, "--page", str(page), "--corrections", str(tmp_path / "corrections.json"), "--language", language]
-        done = CliRunner().invoke(app, asked)
-        assert done.exit_code == 0, done.output
-        assert "improvement:" in done.output
-        assert "identification 0.0300 mm" in done.output
+        done = ran(*asked)
+        assert "improvement:" in done
+        assert "identification 0.0300 mm" in done
         text = page.read_text()
         assert words in text
         assert (">мм/с<" if language == "ru" else ">mm/s<") in text
         assert all(f"LM-{i}" in text for i in (0, 1))
     (tmp_path / "corrections.json").write_text("{}")
-    done = CliRunner().invoke(app, [*given, "--out", str(tmp_path / "none.json"), "--corrections", str(tmp_path / "corrections.json")])
-    assert done.exit_code == 1
-    assert "not what `lmeasure correct` writes" in str(done.exception)
-    none = CliRunner().invoke(app, [*given, "--corrections", str(tmp_path / "nowhere.json")])
-    assert str(none.exception).startswith(f"{tmp_path / 'nowhere.json'}: cannot be read")
+    done = refused(*given, "--out", tmp_path / "none.json", "--corrections", tmp_path / "corrections.json")
+    assert "not what `lmeasure correct` writes" in done
+    assert f"{tmp_path / 'nowhere.json'}: cannot be read" in refused(*given, "--corrections", tmp_path / "nowhere.json")
     assert not (tmp_path / "none.json").exists()
     both = ["--out", str(tmp_path / "figures.json"), "--page", str(tmp_path / "page.html")]
-    done = CliRunner().invoke(app, [*given, *both])
-    assert done.output.splitlines()[-2] == f"written: {both[1]}, {both[3]}"
+    assert ran(*given, *both).splitlines()[-2] == f"written: {both[1]}, {both[3]}"

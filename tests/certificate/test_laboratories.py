@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 import test_dcc
 from hypothesis import given, settings, strategies as st
-from typer.testing import CliRunner, Result
+from in_process import ran, refused
 
 from lmeasure.certificate import consensus, dcc_xml, read_dcc
-from lmeasure.cli.app import app
 from lmeasure.core import LMeasureError
 
 # values of G [1e-11 m^3/(kg s^2)] of CODATA 2010 (Mohr, Taylor, Newell, Rev. Mod. Phys. 84 (2012), table XVII), whose Birge ratio is 4.58
@@ -79,10 +78,6 @@ def test_differences_have_the_covariance_of_least_squares(n: int, seed: int) -> 
     assert [e.u_difference for e in found.laboratories] == pytest.approx(np.sqrt(np.diag(H @ V @ H.T)))
 
 
-def by_command(*arguments: object) -> Result:
-    return CliRunner().invoke(app, ["compare", "--between", *map(str, arguments)])
-
-
 def certificate(name: str, value: float) -> dict[str, Any]:
     content = test_dcc.certificate(country="DE", laboratory={"name": name})
     content["characteristics"][0] |= {"pose": "P1", "value": value, "u95": 0.02, "coverage_factor": 2.0}
@@ -100,9 +95,8 @@ def dccs(tmp_path: Path) -> list[Path]:
 
 
 def test_dccs_are_compared_by_command(dccs: list[Path], tmp_path: Path) -> None:
-    done = by_command(*dccs, "--out", tmp_path / "between.json")
-    assert done.exit_code == 0, done.output
-    assert "D differs by +0.1 mm: E_n = +4.33" in " ".join(done.output.split())
+    said = ran("compare", "--between", *dccs, "--out", tmp_path / "between.json")
+    assert "D differs by +0.1 mm: E_n = +4.33" in " ".join(said.split())
     found = {one["name"]: one for one in json.loads((tmp_path / "between.json").read_text())["results"]}
     assert found["AP_p P1"]["outlying"] == ["D"]
     assert found["AP_p P1"]["value"] == pytest.approx(0.5)
@@ -113,9 +107,7 @@ def test_what_cannot_be_compared_is_one_line(dccs: list[Path], tmp_path: Path) -
     (tmp_path / "no.xml").write_text("<a/>")
     (tmp_path / "bad.xml").write_text(dccs[0].read_text().replace("<si:value>0.5<", "<si:value>half<"))
     for paths, word in ((dccs[:1], "two or more"), ((dccs[0], dccs[0]), "'A'"), ((dccs[0], tmp_path / "no.xml"), "is no DCC")):
-        failed = by_command(*paths)
-        assert isinstance(failed.exception, LMeasureError)
-        assert word in str(failed.exception)
+        assert word in refused("compare", "--between", *paths)
     with pytest.raises(LMeasureError, match="is no number"):
         read_dcc(tmp_path / "bad.xml")
 

@@ -10,14 +10,12 @@ import can
 import numpy as np
 import pandas as pd
 import pytest
-from in_process import lmeasure
+from in_process import lmeasure, ran
 from rerun.chunk import RrdReader
-from typer.testing import CliRunner
 
 from lmeasure.acquisition import counter_fields
 from lmeasure.acquisition.bus.feed import frames_from_counts
 from lmeasure.acquisition.bus.frames import messages_from_frames
-from lmeasure.cli.app import app
 from lmeasure.cli.commands import command
 from lmeasure.rig import write_rig
 from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
@@ -76,9 +74,7 @@ def test_from_scenario_to_zone_by_files_alone(tmp_path: Path) -> None:
         ("zone", calibrated / "rig.toml", *BOX, "--out", tmp_path / "zone.nc", "--rerun", tmp_path / "zone.rrd"),
     ]
     for step in steps:
-        done = CliRunner().invoke(app, [str(x) for x in step])
-        assert done.exit_code == 0, done.output
-        assert done.stdout.strip()
+        assert ran(*step).strip()
     found = pd.read_parquet(tmp_path / "t.parquet")
     assert len(found) == len((made / "pass1.csv").read_text().splitlines()) - 1
     # the motion goes back to its start
@@ -121,8 +117,7 @@ def test_counts_of_a_bus_and_of_its_log_are_drawn_alike(tmp_path: Path) -> None:
             tmp_path / "record.rrd",
         ),
     ):
-        done = CliRunner().invoke(app, [str(x) for x in words])
-        assert done.exit_code == 0, done.output
+        ran(*words)
     for name in ("import", "record"):
         stream = RrdReader(tmp_path / f"{name}.rrd").stream().filter(content="/counts/pass1/ch4", components="Scalars:scalars")
         shown = [cell[0] for chunk in stream for cell in chunk.to_record_batch().column("Scalars:scalars").to_pylist()]

@@ -3,9 +3,8 @@
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from in_process import ran, refused
 
-from lmeasure.cli.app import app
 from lmeasure.workflows import demo as docs
 
 
@@ -26,11 +25,9 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_pages_are_built_once_and_opened(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(docs, "find_spec", lambda name: object())
-    first = CliRunner().invoke(app, ["docs"])
-    assert (first.exit_code, first.output.splitlines()[0]) == (0, f"documentation: {source / 'build/docs/index.html'}")
+    assert ran("docs").splitlines()[0] == f"documentation: {source / 'build/docs/index.html'}"
     (source / "docs" / "build_site.py").write_text("raise SystemExit('built again')")
-    page = CliRunner().invoke(app, ["docs", "zone"])
-    assert (page.exit_code, page.output.splitlines()[0]) == (0, f"documentation: {source / 'build/docs/docs/zone.html'}")
+    assert ran("docs", "zone").splitlines()[0] == f"documentation: {source / 'build/docs/docs/zone.html'}"
 
 
 @pytest.mark.parametrize(
@@ -41,15 +38,12 @@ def test_what_cannot_be_opened_is_one_line(
     source: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], code: int, line: str
 ) -> None:
     monkeypatch.setattr(docs, "find_spec", lambda name: None)
-    answer = CliRunner().invoke(app, ["docs", *arguments])
-    assert (answer.exit_code, line in f"{answer.output} {answer.exception}") == (code, True)
+    assert line in refused("docs", *arguments, code=code)
 
 
 def test_a_site_that_cannot_be_built_and_an_installed_package(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(docs, "find_spec", lambda name: object())
     (source / "docs" / "build_site.py").write_text("raise SystemExit('zone.md: unknown link')")
-    failed = CliRunner().invoke(app, ["docs"])
-    assert (failed.exit_code, "cannot be built: zone.md: unknown link" in str(failed.exception)) == (1, True)
+    assert "cannot be built: zone.md: unknown link" in refused("docs")
     monkeypatch.setattr(docs, "SOURCE", source / "nowhere")
-    installed = CliRunner().invoke(app, ["docs"])
-    assert (installed.exit_code, "not part of an installed package" in str(installed.exception)) == (1, True)
+    assert "not part of an installed package" in refused("docs")

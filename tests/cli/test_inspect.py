@@ -6,12 +6,10 @@ import struct
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from in_process import ran, refused
 
 from lmeasure.acquisition import scan_log
-from lmeasure.cli.app import app
 from lmeasure.cli.progress import opens_pages
-from lmeasure.core import LMeasureError
 from lmeasure.workflows import load
 
 TESTS = Path(__file__).parents[1]
@@ -37,9 +35,8 @@ def candump(path: Path, counts: list[int]) -> Path:
     ],
 )
 def test_a_file_is_named_in_one_line_with_what_to_do_next(path: Path, line: str, following: str) -> None:
-    done = CliRunner().invoke(app, ["inspect", str(path)])
-    assert done.exit_code == 0
-    first, second = done.output.splitlines()
+    done = ran("inspect", path)
+    first, second = done.splitlines()
     assert first.startswith(f"{path}: ")
     assert line in first
     assert second.startswith(f"next: lmeasure {following} ")
@@ -51,8 +48,7 @@ def test_the_page_of_a_log_draws_its_counts_over_time(tmp_path: Path) -> None:
     log = candump(tmp_path / "drive.log", counts)
     for words in (["inspect", str(log), "--out"], ["import", str(log), "--scan", "--report"]):
         page = tmp_path / f"{words[0]}.html"
-        done = CliRunner().invoke(app, [*words, str(page)])
-        assert done.exit_code == 0
+        ran(*words, page)
         assert "201, bytes 0-3" in page.read_text(encoding="utf-8")
     (one,) = scan_log(log).carried
     (counter,) = one.counters
@@ -65,10 +61,8 @@ def test_the_page_of_a_log_draws_its_counts_over_time(tmp_path: Path) -> None:
 def test_an_unknown_file_is_refused_in_one_line(name: str, content: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.write_text(content)
-    done = CliRunner().invoke(app, ["inspect", str(path), "--out", str(tmp_path / "page.html")])
-    assert isinstance(done.exception, LMeasureError)
-    assert len(done.exception.lines) == 1
-    assert str(path) in done.exception.lines[0]
+    (line,) = refused("inspect", path, "--out", tmp_path / "page.html").splitlines()
+    assert str(path) in line
     assert [p.name for p in tmp_path.iterdir()] == [name]
 
 

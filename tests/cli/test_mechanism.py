@@ -7,10 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from in_process import code_and_text, ran
 
-from lmeasure.cli.app import app
-from lmeasure.core import LMeasureError
 from lmeasure.io import files
 from lmeasure.robots import ParallelFile, Turns, any_shipped, over_grid
 from lmeasure.view.recording import check_recording
@@ -19,17 +17,9 @@ robot_files = resources("lmeasure.robots").joinpath("shipped")
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 
 
-def run(*words: object) -> str:
-    done = CliRunner().invoke(app, [str(w) for w in words])
-    assert done.exit_code == 0, done.output
-    return done.output
-
-
 def refused(*words: object) -> str:
-    done = CliRunner().invoke(app, [str(w) for w in words])
-    assert done.exit_code in (1, 2)
-    said = done.output + str(done.exception)
-    assert done.exit_code == 2 or isinstance(done.exception, LMeasureError)
+    code, said = code_and_text(*words)
+    assert code in (1, 2)
     return said
 
 
@@ -54,7 +44,7 @@ def test_the_rotopods_workspace_is_three_fold_at_fixed_yaw_and_of_revolution_wit
 def test_places_of_a_six_coordinate_scan_are_those_of_each_orientation(tmp_path: Path) -> None:
     """002, 3.1: six coordinates, seven constraints. Inside at one orientation, and inside at all, are unions and intersections."""
     scan = ["--x", "-100:100:50", "--y", "-100:100:50", "--z", "960:976:2", "--out", tmp_path / "m.json", "--force"]
-    run("mechanism", "rotopod", *scan, "--tilt-rad", "0.004", "--tilt-steps", "3")
+    ran("mechanism", "rotopod", *scan, "--tilt-rad", "0.004", "--tilt-steps", "3")
     found = json.loads((tmp_path / "m.json").read_text())["workspace"]
     axes = np.arange(-100, 101, 50.0), np.arange(-100, 101, 50.0), np.arange(960, 977, 2.0)
     each, file = [], any_shipped("rotopod")
@@ -73,7 +63,7 @@ def test_places_of_a_six_coordinate_scan_are_those_of_each_orientation(tmp_path:
 def test_the_crank_platforms_workspace_by_drives_and_by_coordinates(tmp_path: Path) -> None:
     """003, figures 7 and 8: home is inside, and both ways find the same cells, those apart that drives touch beside a node only."""
     box = ["--x", "-12:12:4", "--y", "-12:12:4", "--z", "196:204:1", "--out", tmp_path / "m.json", "--force"]
-    out = run("mechanism", "crank-platform", *box, "--drives", "25", "--joints", tmp_path / "all.csv")
+    out = ran("mechanism", "crank-platform", *box, "--drives", "25", "--joints", tmp_path / "all.csv")
     by_drives = json.loads((tmp_path / "m.json").read_text())["workspace"]
     table = files.read_table(tmp_path / "all.csv")
     places = table.matrix(("x_mm", "y_mm", "z_mm"))
@@ -85,13 +75,13 @@ def test_the_crank_platforms_workspace_by_drives_and_by_coordinates(tmp_path: Pa
     assert by_drives["volume_mm3"] == len(cells) * 16.0
     joints = np.column_stack([table.numbers(f"leg_{i}_deg") for i in (1, 3, 5)])
     np.testing.assert_allclose(any_shipped("crank-platform").model.forward(np.radians(joints[::400]))[:, :3], places[::400], atol=1e-9)
-    run("mechanism", "crank-platform", *box, "--tilt-deg", "5.729577951308232", "--tilt-steps", "25")
+    ran("mechanism", "crank-platform", *box, "--tilt-deg", "5.729577951308232", "--tilt-steps", "25")
     by_coordinates = json.loads((tmp_path / "m.json").read_text())["workspace"]
     assert 0.7 * by_drives["places"] < by_coordinates["places"] <= by_drives["places"]
 
 
 def test_a_planar_mechanism_has_an_area(tmp_path: Path) -> None:
-    run("mechanism", "three-prr", "--x=-200:200:10", "--y=-200:200:10", "--z=0:0:1", "--out", tmp_path / "m.json")
+    ran("mechanism", "three-prr", "--x=-200:200:10", "--y=-200:200:10", "--z=0:0:1", "--out", tmp_path / "m.json")
     found = json.loads((tmp_path / "m.json").read_text())["workspace"]
     assert "volume_mm3" not in found
     # a rod reaches a point of the platform from its guide within the carriage's limits: each by a quadratic of its own
@@ -106,7 +96,7 @@ def test_a_planar_mechanism_has_an_area(tmp_path: Path) -> None:
 
 
 def test_a_mechanism_is_told_drawn_and_recorded(tmp_path: Path) -> None:
-    out = run(
+    out = ran(
         "mechanism", "four-chains-arms", "--x", "-40:40:20", "--y", "-20:40:20", "--z", "70:130:20", "--out", tmp_path / "m.json",
         "--report", tmp_path / "page", "--rerun", tmp_path / "m.rrd",
     )  # fmt: skip
@@ -119,7 +109,7 @@ def test_a_mechanism_is_told_drawn_and_recorded(tmp_path: Path) -> None:
     assert "Mechanism four-chains-arms" in page
     assert "leg_2_lift_deg" in page
     check_recording(tmp_path / "m.rrd")
-    logos = json.loads(run("mechanism", "logos", "--quaternion", "0,0,0.17364817766693033,0.984807753012208", "--json"))
+    logos = json.loads(ran("mechanism", "logos", "--quaternion", "0,0,0.17364817766693033,0.984807753012208", "--json"))
     turns = [
         float(v)
         for v in next(line for line in logos["summary"] if "legs about" in line).split(" axes ")[1].removesuffix(" deg").split(", ")
@@ -132,12 +122,12 @@ def test_a_table_of_poses_becomes_joints_and_completions(tmp_path: Path) -> None
     poses = robot.model.forward(np.array([[-30.0], [0.0], [25.0]]))
     columns = {"pose": ["a", "b", "c"], **dict(zip(("x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"), poses.T, strict=True))}
     files.write_table(tmp_path / "poses.csv", columns)
-    run("mechanism", "seven-link", "--poses", tmp_path / "poses.csv", "--joints", tmp_path / "joints.csv")
+    ran("mechanism", "seven-link", "--poses", tmp_path / "poses.csv", "--joints", tmp_path / "joints.csv")
     table = files.read_table(tmp_path / "joints.csv")
     np.testing.assert_allclose(table.numbers("way_mm"), [-30.0, 0.0, 25.0], atol=1e-6)
     assert (table.numbers("kept") == 1.0).all()
     for kind in ("line", "plane", "point-on-a-line"):
-        run("mechanism", "seven-link", "--poses", tmp_path / "poses.csv", "--joints", tmp_path / "c.csv", "--complete", kind, "--force")
+        ran("mechanism", "seven-link", "--poses", tmp_path / "poses.csv", "--joints", tmp_path / "c.csv", "--complete", kind, "--force")
         done = files.read_table(tmp_path / "c.csv")
         found = done.matrix(("x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"))
         # the pose itself completes what it tells
@@ -152,7 +142,7 @@ def test_velocities_and_steps_of_drives_are_differences_of_the_forward_solution(
     assert isinstance(file, ParallelFile)
     text = Path(str(robot_files.joinpath("rotopod.toml"))).read_text(encoding="utf-8")
     (tmp_path / "own.toml").write_text(text.replace("elbow = 1", "elbow = 1\nresolution_deg = 0.036\nresolution_error_deg = 0.0018", 1))
-    out = run("mechanism", tmp_path / "own.toml", "--matrices", "--out", tmp_path / "m.json")
+    out = ran("mechanism", tmp_path / "own.toml", "--matrices", "--out", tmp_path / "m.json")
     found = json.loads((tmp_path / "m.json").read_text())
     A, B, V = (np.array(found[name]) for name in "ABV")
     np.testing.assert_allclose(A @ V + B, 0.0, atol=1e-9)
@@ -192,7 +182,7 @@ def test_speeds_are_compared_with_the_limits_of_drives(tmp_path: Path) -> None:
         ("max_acceleration_deg_s2 = 44", [1] * 6 + [0] * 3),
     ):
         (tmp_path / "own.toml").write_text(text.replace("elbow = 2", f"elbow = 2\n{limit}", 1))
-        run("mechanism", tmp_path / "own.toml", "--poses", tmp_path / "poses.csv", "--joints", tmp_path / "j.csv", "--force")
+        ran("mechanism", tmp_path / "own.toml", "--poses", tmp_path / "poses.csv", "--joints", tmp_path / "j.csv", "--force")
         found = files.read_table(tmp_path / "j.csv")
         np.testing.assert_allclose(found.numbers("leg_2_deg_s"), 15.0 * t**2, atol=1e-9)
         np.testing.assert_allclose(found.numbers("leg_5_deg_s2"), 30.0 * t, atol=1e-8)
@@ -208,7 +198,7 @@ def test_links_are_found_for_poses(tmp_path: Path) -> None:
     poses = any_shipped("seven-link").model.forward(np.linspace(-70.0, 50.0, 12)[:, None])
     columns = {"pose": [f"p{i}" for i in range(12)], **dict(zip(("x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"), poses.T, strict=True))}
     files.write_table(tmp_path / "poses.csv", columns)
-    out = run("dyads", tmp_path / "poses.csv", "--out", tmp_path / "links", "--links", "1", "--starts", "10")
+    out = ran("dyads", tmp_path / "poses.csv", "--out", tmp_path / "links", "--links", "1", "--starts", "10")
     assert "largest error" in out
     links = files.read_table(tmp_path / "links" / "links.csv")
     anchor, point = (links.matrix([f"{end}_{axis}_mm" for axis in "xyz"])[0] for end in ("base", "platform"))
@@ -222,9 +212,9 @@ def test_poses_need_no_names(tmp_path: Path) -> None:
     poses = any_shipped("seven-link").model.forward(np.linspace(-70.0, 50.0, 12)[:, None])
     columns = dict(zip(("x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"), poses.T, strict=True))
     files.write_table(tmp_path / "poses.csv", columns)
-    run("dyads", tmp_path / "poses.csv", "--out", tmp_path / "links", "--links", "1", "--starts", "10")
+    ran("dyads", tmp_path / "poses.csv", "--out", tmp_path / "links", "--links", "1", "--starts", "10")
     assert files.read_table(tmp_path / "links" / "misses.csv").text("pose") == [str(i + 1) for i in range(12)]
-    run("mechanism", "seven-link", "--poses", tmp_path / "poses.csv", "--joints", tmp_path / "joints.csv")
+    ran("mechanism", "seven-link", "--poses", tmp_path / "poses.csv", "--joints", tmp_path / "joints.csv")
     assert files.read_table(tmp_path / "joints.csv").text("pose") == [str(i + 1) for i in range(12)]
     del columns["z_mm"]
     files.write_table(tmp_path / "flat.csv", columns)
@@ -259,14 +249,14 @@ def test_legs_on_hooke_joints_turn_and_bend_no_farther_than_is_stated(tmp_path: 
     for key, value in (("leg_turn_deg", 20.06), ("hooke_deg", max(bent))):
         for more, words in ((0.01, False), (-0.03, True)):
             (tmp_path / "own.toml").write_text(text.replace("[[leg]]", f"[limits]\n{key} = {value + more}\n\n[[leg]]", 1))
-            assert ("outside" in run("mechanism", tmp_path / "own.toml", *turned)) == words
+            assert ("outside" in ran("mechanism", tmp_path / "own.toml", *turned)) == words
 
 
 def test_angles_of_the_documents_do_where_quaternions_do(tmp_path: Path) -> None:
     """002: alpha, beta, gamma; 004: psi, theta, phi; the thesis: O, A, T. Each turn written out as a quaternion is the same pose."""
     half = np.radians(10.0)
     same = ["0 0 0.17364817766693033 0.984807753012208", "fixed-xyz:0,0,20", "zxz:15,0,5", "kuka-abc:20 0 0", "puma-oat:20,-90,90"]
-    found = [json.loads(run("mechanism", "logos", "--quaternion", *words.split(" "), "--json"))["summary"] for words in same]
+    found = [json.loads(ran("mechanism", "logos", "--quaternion", *words.split(" "), "--json"))["summary"] for words in same]
     assert all(one == found[0] for one in found[1:])
     assert "is not a known convention" in refused("mechanism", "logos", "--quaternion", "zxy:1,2,3")
     assert "'1,2' is not three numbers" in refused("mechanism", "logos", "--quaternion", "zxz:1,2")
@@ -275,8 +265,8 @@ def test_angles_of_the_documents_do_where_quaternions_do(tmp_path: Path) -> None
     files.write_table(
         tmp_path / "q.csv", dict(list(table.items())[:3]) | {"qx": [0.0], "qy": [0.0], "qz": [np.sin(half)], "qw": [np.cos(half)]}
     )
-    run("mechanism", "logos", "--poses", tmp_path / "a.csv", "--angles", "zxz", "--joints", tmp_path / "ja.csv")
-    run("mechanism", "logos", "--poses", tmp_path / "q.csv", "--joints", tmp_path / "jq.csv")
+    ran("mechanism", "logos", "--poses", tmp_path / "a.csv", "--angles", "zxz", "--joints", tmp_path / "ja.csv")
+    ran("mechanism", "logos", "--poses", tmp_path / "q.csv", "--joints", tmp_path / "jq.csv")
     one, other = (files.read_table(tmp_path / name) for name in ("ja.csv", "jq.csv"))
     for i in range(1, 7):
         np.testing.assert_allclose(one.numbers(f"leg_{i}_mm"), other.numbers(f"leg_{i}_mm"), atol=1e-9)

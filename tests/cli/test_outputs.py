@@ -9,10 +9,8 @@ from typing import Any
 
 import pytest
 from desk import LONG, RECORDINGS, SHORT, set_up
-from typer.testing import CliRunner
+from in_process import code_and_text
 
-from lmeasure.cli.app import app
-from lmeasure.core import LMeasureError, OverwriteError
 from lmeasure.workbench.forms import of_words
 from lmeasure.workflows import COMMANDS, Asked, Writing, load
 
@@ -22,15 +20,10 @@ SAME = ("schema", "program", "init", "frames", "dyads", "simulate", "drum", "rec
 
 
 def run(*words: object) -> tuple[int, str]:
-    """Exit code and error of a command; an error of ours is as `main` ends on it."""
-    done = CliRunner().invoke(app, [str(w) for w in words])
-    if isinstance(done.exception, OverwriteError):
-        assert len(done.exception.lines) == 1
-        return 2, str(done.exception)
-    if isinstance(done.exception, LMeasureError):
-        return 1, str(done.exception)
-    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
-    return done.exit_code, done.output
+    """Exit code and output of a command; a refusal is one line."""
+    code, text = code_and_text(*words)
+    assert code == 0 or len(text.splitlines()) == 1, text
+    return code, text
 
 
 def snapshot(folder: Path) -> dict[str, bytes]:

@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from in_process import lmeasure
 from rerun.chunk import RrdReader
 from rich.console import Console
-from typer.testing import CliRunner
 
 from lmeasure.acquisition import Progress, Samples
-from lmeasure.cli.app import app
 from lmeasure.cli.live import render
 from lmeasure.core import LMeasureError
 from lmeasure.io import files
@@ -77,10 +76,8 @@ def test_recording_shows_the_table_and_the_recording_is_whole_at_the_end(tmp_pat
     write_rig(tmp_path / "rig.toml", cell_rig(6))
     (tmp_path / "scenario.toml").write_text(SCENARIO)
     words = ["record", "--rig", tmp_path / "rig.toml", "--bus", f"simulated:{tmp_path / 'scenario.toml'}", "--out", tmp_path / "run"]
-    done = CliRunner().invoke(
-        app, [str(w) for w in [*words, "--start", "0,0,0,0,0,0,1", "--live", "--lag-s", "0.2", "--rerun", tmp_path / "run.rrd"]]
-    )
-    assert done.exit_code == 0, done.output
+    done = lmeasure(*words, "--start", "0,0,0,0,0,0,1", "--live", "--lag-s", "0.2", "--rerun", tmp_path / "run.rrd")
+    assert done.returncode == 0, done.stderr
     counts = read_counts(tmp_path / "run" / "pass1.csv")
     assert f"{7 * len(counts.time_s)} frames" in done.stderr
     assert "latency" in done.stderr
@@ -98,8 +95,8 @@ def test_recording_shows_the_table_and_the_recording_is_whole_at_the_end(tmp_pat
     # the same frames, looked at and not recorded
     there = sorted(tmp_path.rglob("*"))
     words = ["watch", "--rig", tmp_path / "rig.toml", "--bus", f"replay:{tmp_path / 'run' / 'pass1.log'}", "--fast"]
-    done = CliRunner().invoke(app, [str(w) for w in [*words, "--start", "0,0,0,0,0,0,1"]])
-    assert done.exit_code == 0, done.output
+    done = lmeasure(*words, "--start", "0,0,0,0,0,0,1")
+    assert done.returncode == 0, done.stderr
     assert f"{len(counts.time_s)} samples from {7 * len(counts.time_s)} frames" in done.stdout
     assert "nothing was recorded" in done.stdout
     assert "pose: " in done.stderr
@@ -114,12 +111,12 @@ def test_a_rig_that_cannot_tell_a_pose_live_says_why(tmp_path: Path) -> None:
     words = [
         "record", "--rig", tmp_path / "rig.toml", "--bus", f"simulated:{tmp_path / 'scenario.toml'}", "--out", tmp_path / "run", "--live",
     ]  # fmt: skip
-    done = CliRunner().invoke(app, [str(w) for w in [*words, "--start", "0,0,0,0,0,0,1"]])
-    assert done.exit_code == 0, done.output
+    done = lmeasure(*words, "--start", "0,0,0,0,0,0,1")
+    assert done.returncode == 0, done.stderr
     assert "no pose: rig" in done.stderr
     assert "has 5 cables" in done.stderr
-    done = CliRunner().invoke(app, [str(w) for w in [*words, "--out", tmp_path / "again"]])
-    assert done.exit_code == 0, done.output
+    done = lmeasure(*words, "--out", tmp_path / "again")
+    assert done.returncode == 0, done.stderr
     assert "no pose: the start pose is unknown; state --start" in done.stderr
     assert "no --start pose; state [start] in" in done.stdout
     assert "start" not in files.read_toml(tmp_path / "again" / "run.toml")

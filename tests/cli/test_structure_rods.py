@@ -6,11 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from in_process import code_and_text
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
-
-from lmeasure.cli.app import app
 
 SIDE = 20.0 * np.sin(np.pi / 3.0)
 FEET = [(300.0, 0.0, 0.0), (-150.0, 260.0, 0.0), (-150.0, -260.0, 0.0)]
@@ -50,8 +48,8 @@ def found(folder: Path, text: str, *words: str) -> tuple[int, str, dict[str, Any
     path = folder / "rods.toml"
     path.write_text('schema = "lmeasure.structure/1"\n' + text)
     out = folder / "s.json"
-    done = CliRunner().invoke(app, ["structure", str(path), "--out", str(out), "--force", *words])
-    return done.exit_code, done.output + str(done.exception), json.loads(out.read_text()) if done.exit_code == 0 else {}
+    code, said = code_and_text("structure", path, "--out", out, "--force", *words)
+    return code, said, json.loads(out.read_text()) if code == 0 else {}
 
 
 def test_the_design_of_4_3(tmp_path: Path) -> None:

@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from in_process import code_and_text, ran
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
-from lmeasure.cli.app import app
 from lmeasure.io import files
 
 COLUMNS = 'schema = "lmeasure.structure/1"\n' + "".join(
@@ -25,8 +24,8 @@ LINKS = "".join(f'[[link]]\nfrom = "B{i + 1}"\nto = "P{i % 3 + 1}"\n' for i in r
 def found(folder: Path, *words: str, links: str = LINKS) -> tuple[int, str, dict[str, Any]]:
     (folder / "columns.toml").write_text(COLUMNS + links)
     out = folder / "s.json"
-    done = CliRunner().invoke(app, ["structure", str(folder / "columns.toml"), "--singular", "--out", str(out), "--force", *words])
-    return done.exit_code, done.output + str(done.exception), json.loads(out.read_text()) if out.exists() else {}
+    code, said = code_and_text("structure", folder / "columns.toml", "--singular", "--out", out, "--force", *words)
+    return code, said, json.loads(out.read_text()) if out.exists() else {}
 
 
 def test_the_columns_of_4_5(tmp_path: Path) -> None:
@@ -83,9 +82,7 @@ def test_a_motion_past_a_singular_pose_in_its_two_parts(tmp_path: Path) -> None:
     }
     files.write_table(tmp_path / "t.csv", table)
     words = ["structure", str(tmp_path / "columns.toml"), "--trajectory", str(tmp_path / "t.csv"), "--parts", str(tmp_path / "p.csv")]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0, done.output
-    assert "nearest to a singular pose at 2 s" in done.output
+    assert "nearest to a singular pose at 2 s" in ran(*words)
     found = files.read_table(tmp_path / "p.csv")
     rim = np.linalg.norm(np.array([[0, -1], [1, 0], [0, 1]]) - [1 / 3, 0], axis=1).max()
     along, rest = found.numbers("reciprocal_mm"), found.numbers("orthogonal_mm")

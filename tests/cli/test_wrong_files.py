@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from in_process import ran
 from typer.testing import CliRunner
 
 from lmeasure.cli.app import app
@@ -90,8 +91,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     shutil.copytree(SEALED / "inputs", here / "tests")
     (here / "program.ls").write_text(PROGRAM)
     os.chdir(here)
-    made = CliRunner().invoke(app, ["init", "cell", "--template", "six-cables"])
-    assert made.exit_code == 0
+    ran("init", "cell", "--template", "six-cables")
     for name in ("placement.toml", "drums.toml"):
         shutil.copy(here / "cell" / name, here / name)
     (here / "wrong").mkdir()

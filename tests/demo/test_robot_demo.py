@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from in_process import ran
 
-from lmeasure.cli.app import app
 from lmeasure.demo import OF_ROBOT, RobotDemo, existing, robot_demo, robot_loop
 from lmeasure.demo.robot_in_cell import ROBOT_STAGES, mark
 from lmeasure.demo.robot_loop import LOOP_STAGES
@@ -110,26 +109,24 @@ def test_the_command_knows_every_file_of_the_demo(done: RobotDemo, out: Path) ->
 
 def test_the_command_prints_value_uncertainty_and_truth(done: RobotDemo, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lmeasure.demo.robot_demo", lambda out, progress, seed, correct: done if correct else replace(done, loop=None))
-    ran = CliRunner().invoke(app, ["demo", "--robot"])
-    assert ran.exit_code == 0, ran.output
-    lines = ran.output.splitlines()
+    printed = ran("demo", "--robot")
+    lines = printed.splitlines()
     assert lines[1].split() == ["characteristic", "value", "U95", "truth", "unit"]
     first = lines[2].split()
     assert first[:2] == ["AP_p", "P1"]
     assert float(first[2]) == pytest.approx(done.held[0].value, rel=1e-3)
     assert first[-1] in {"inside", "OUTSIDE"}
-    assert "improvement: " in ran.output
-    assert "\ntrue error " in ran.output
+    assert "improvement: " in printed
+    assert "\ntrue error " in printed
     assert (
         f"of {len(done.held)} characteristics lie within U95 of the truth; the calibration error is one draw that all of them share"
-        in ran.output
+        in printed
     )
     # as it was certified alone, it prints the same but for the correction
-    alone = CliRunner().invoke(app, ["demo", "--robot", "--no-correct"])
-    assert alone.exit_code == 0, alone.output
-    assert alone.output.splitlines()[: lines.index("", 1)] == lines[: lines.index("", 1)]
-    assert "improvement: " not in alone.output
-    assert "true error " not in alone.output
+    alone = ran("demo", "--robot", "--no-correct")
+    assert alone.splitlines()[: lines.index("", 1)] == lines[: lines.index("", 1)]
+    assert "improvement: " not in alone
+    assert "true error " not in alone
 
 
 def test_it_may_be_certified_without_being_corrected(tmp_path: Path) -> None:

@@ -18,15 +18,13 @@ import fsspec
 import pandas as pd
 import pytest
 from cluster import two_workers, worker
+from in_process import refused
 from moto.server import ThreadedMotoServer
-from typer.testing import CliRunner
 
 import lmeasure.workflows.batch as batch
 from lmeasure.acquisition import counter_fields
 from lmeasure.acquisition.bus.feed import frames_from_counts
 from lmeasure.acquisition.recorder import candump_lines
-from lmeasure.cli.app import app
-from lmeasure.core import LMeasureError
 from lmeasure.fleet import Item, read_items
 from lmeasure.recording import read_run
 
@@ -48,10 +46,7 @@ def runs_of(here: Path, robots: int = 2, days: int = 2, samples: int = 60) -> Pa
 
 
 def done(*words: object, code: int = 0) -> str:
-    result = CliRunner().invoke(app, ["batch", *map(str, words)])
-    assert isinstance(result.exception, LMeasureError | SystemExit | None), repr(result.exception)
-    assert result.exit_code == code, result.output
-    return result.output + (str(result.exception) if isinstance(result.exception, LMeasureError) else "")
+    return refused("batch", *words, code=code)
 
 
 def digests(store: Path) -> dict[str, str]:

@@ -10,10 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from cluster import two_workers
-from typer.testing import CliRunner
+from in_process import code_and_text
 
-from lmeasure.cli.app import app
-from lmeasure.core import LMeasureError
 from lmeasure.recording import read_run, read_run_head, write_run
 from lmeasure.simulation import Leg, cell_rig, simulate_run, smooth_path
 from lmeasure.trajectory import reconstruct_in_parts, reconstruct_stream
@@ -63,9 +61,7 @@ def test_what_goes_in_parts_is_said_in_one_line(long_run: Path, tmp_path: Path, 
     monkeypatch.setattr("lmeasure.io.cluster.ANSWER_S", 1.0)
 
     def refused(*words: object) -> str:
-        found = CliRunner().invoke(app, ["reconstruct", *map(str, words), "--scheduler", "tcp://127.0.0.1:1"], env={"COLUMNS": "1000"})
-        text = str(found.exception) if isinstance(found.exception, LMeasureError) else found.output
-        return " ".join(text.split())
+        return " ".join(code_and_text("reconstruct", *words, "--scheduler", "tcp://127.0.0.1:1")[1].split())
 
     assert "without --continuous" in refused(long_run, "--out", tmp_path / "t", "--continuous")
     assert "no dask scheduler answers" in refused(long_run, "--out", tmp_path / "t").lower()

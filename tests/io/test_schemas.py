@@ -9,9 +9,8 @@ from typing import Any
 import jsonschema
 import pytest
 import test_rig
-from typer.testing import CliRunner
+from in_process import ran, refused
 
-from lmeasure.cli.app import app
 from lmeasure.core import LMeasureError
 from lmeasure.io import FILE_KINDS, checked, shipped
 from lmeasure.io.models import literals_of, models_in
@@ -114,12 +113,9 @@ def test_what_is_refused_does_not_validate() -> None:
 
 
 def test_the_command_lists_prints_and_writes(tmp_path: Path) -> None:
-    listed = CliRunner().invoke(app, ["schema"])
-    assert listed.exit_code == 0
-    assert [line.split()[0] for line in listed.output.splitlines()] == [*FILE_KINDS, "next:"]
-    printed = CliRunner().invoke(app, ["schema", "rig"])
-    assert json.loads(printed.output) == schema_of("rig")
+    assert [line.split()[0] for line in ran("schema").splitlines()] == [*FILE_KINDS, "next:"]
+    assert json.loads(ran("schema", "rig")) == schema_of("rig")
     out = tmp_path / "schemas" / "rig.json"
-    assert CliRunner().invoke(app, ["schema", "rig", "--out", str(out)]).exit_code == 0
+    ran("schema", "rig", "--out", out)
     assert json.loads(out.read_text()) == schema_of("rig")
-    assert CliRunner().invoke(app, ["schema", "rigg"]).exit_code == 2
+    refused("schema", "rigg", code=2)

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from in_process import ran, refused
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
-from lmeasure.cli.app import app
 from lmeasure.core import CertificationError
 from lmeasure.io import files
 from lmeasure.iso9283 import TESTS, Campaign, Cube, Tests, campaign, duration_s, timed, write_commands
@@ -108,22 +107,22 @@ def test_forces_are_tenths_of_the_load_in_both_directions(plan: Campaign) -> Non
 def test_a_robot_runs_it_and_the_program_gets_its_windows(plan: Campaign, tmp_path: Path) -> None:
     robot = cell_robot()
     done = robot.perform(plan.commands, plan.start, 200.0, np.random.default_rng(0))
-    ran = timed(plan.program, done, SHORT.settle_s)
+    printed = timed(plan.program, done, SHORT.settle_s)
     # the windows stand the program's own checks: numbers of cycles, order, no two at once
-    write_program(tmp_path / "program.toml", ran)
-    assert read_program(tmp_path / "program.toml") == ran
+    write_program(tmp_path / "program.toml", printed)
+    assert read_program(tmp_path / "program.toml") == printed
     assert done.time_s[-1] == pytest.approx(duration_s(plan) + sum(robot.ramp_s) * len(plan.commands), abs=0.01)
     moved = np.linalg.norm(np.diff(done.poses[:, :3], axis=0), axis=1)
-    for pose in ran.pose:
+    for pose in printed.pose:
         assert pose.windows_s or pose.name.startswith("posing") or pose.name == "P1 loaded"
         for start, end in pose.windows_s:
             part = slice(int(np.ceil(start * 200)), int(np.floor(end * 200)))
             # a robot of a few tenths of a millimetre, at rest
             assert np.linalg.norm(done.poses[part, :3] - pose.position_mm, axis=1).max() < 2.0
             assert moved[part][:-1].max() < 1e-3
-    assert len(ran.compliance[0].windows_s) == len(ran.compliance[0].force_n)
-    assert all(len(p.windows_s) == 2 for p in ran.posing)
-    assert [len(p.settling_s) for p in ran.pose if p.name == "P1 settling"] == [2]
+    assert len(printed.compliance[0].windows_s) == len(printed.compliance[0].force_n)
+    assert all(len(p.windows_s) == 2 for p in printed.posing)
+    assert [len(p.settling_s) for p in printed.pose if p.name == "P1 settling"] == [2]
 
 
 def test_files_for_people_and_for_robodk(plan: Campaign, tmp_path: Path) -> None:
@@ -151,14 +150,13 @@ def test_files_for_people_and_for_robodk(plan: Campaign, tmp_path: Path) -> None
 
 def test_the_command_line(tmp_path: Path) -> None:
     box = ["--x", "-100:100", "--y", "-100:100", "--z", "0:300", "--out", str(tmp_path)]
-    ran = CliRunner().invoke(app, ["program", *box, "--tests", "pose,path", "--cycles", "pose=3,path=2", "--speeds", "100"])
-    assert ran.exit_code == 0, ran.output
-    assert "cube of 200 mm about (0, 0, 150) mm, plane C1-C2-C7-C8\n5 poses, 4 paths, " in ran.output
+    printed = ran("program", *box, "--tests", "pose,path", "--cycles", "pose=3,path=2", "--speeds", "100")
+    assert "cube of 200 mm about (0, 0, 150) mm, plane C1-C2-C7-C8\n5 poses, 4 paths, " in printed
     program = read_program(tmp_path / "program.toml")
     assert isinstance(program, Program)
     assert program.distance[0].name == "P2-P4"
     for wrong in (box[2:], [*box, "--zone", "zone.nc"], [*box, "--quaternion", "0,0,1"], [*box, "--cycles", "pose"]):
-        assert CliRunner().invoke(app, ["program", *wrong, "--force"]).exit_code == 2
+        refused("program", *wrong, "--force", code=2)
 
 
 @pytest.mark.parametrize(

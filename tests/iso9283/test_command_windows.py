@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from in_process import ran, refused
 
-from lmeasure.cli.app import app
 from lmeasure.core import CertificationError, FileFormatError, Status
 from lmeasure.iso9283 import Campaign, Cube, Tests, campaign, timed, windows_from_rests, write_commands
 from lmeasure.recording import Program, read_program, write_program
@@ -27,7 +26,7 @@ def plan() -> Campaign:
 
 
 @pytest.fixture(scope="module")
-def ran(plan: Campaign) -> tuple[Program, Trajectory]:
+def driven(plan: Campaign) -> tuple[Program, Trajectory]:
     """The program with the windows it had, and the trajectory, with a rest before the start."""
     return performed(plan)
 
@@ -45,9 +44,9 @@ def performed(plan: Campaign) -> tuple[Program, Trajectory]:
     return timed(plan.program, done, TESTS.settle_s), trajectory
 
 
-def test_windows_are_within_the_rests_and_runs_they_belong_to(plan: Campaign, ran: tuple[Program, Trajectory], tmp_path: Path) -> None:
+def test_windows_are_within_the_rests_and_runs_they_belong_to(plan: Campaign, driven: tuple[Program, Trajectory], tmp_path: Path) -> None:
     write_commands(tmp_path / "commands.csv", plan)
-    program, trajectory = ran
+    program, trajectory = driven
     found, _ = windows_from_rests(plan.program, tmp_path / "commands.csv", trajectory)
     for a, b in zip(program.pose, found.pose, strict=True):
         assert len(a.windows_s) == len(b.windows_s)
@@ -70,24 +69,24 @@ def test_windows_are_within_the_rests_and_runs_they_belong_to(plan: Campaign, ra
     assert read_program(tmp_path / "p.toml") == found
 
 
-def test_a_command_that_was_left_out_is_named(plan: Campaign, ran: tuple[Program, Trajectory], tmp_path: Path) -> None:
+def test_a_command_that_was_left_out_is_named(plan: Campaign, driven: tuple[Program, Trajectory], tmp_path: Path) -> None:
     write_commands(tmp_path / "commands.csv", plan)
-    program, trajectory = ran
+    program, trajectory = driven
     cut = trajectory.time_s < program.pose[2].windows_s[1][0] - 1.0
     short = replace(trajectory, **{k: getattr(trajectory, k)[cut] for k in ("time_s", "poses", "status", "cause", "random", "systematic")})
     with pytest.raises(CertificationError, match=r"command \d+ \(P\d, cycle 2\): no rest near \("):
         windows_from_rests(plan.program, tmp_path / "commands.csv", short)
 
 
-def test_a_trajectory_without_a_sample_is_one_line(plan: Campaign, ran: tuple[Program, Trajectory], tmp_path: Path) -> None:
+def test_a_trajectory_without_a_sample_is_one_line(plan: Campaign, driven: tuple[Program, Trajectory], tmp_path: Path) -> None:
     write_commands(tmp_path / "commands.csv", plan)
-    nothing = replace(ran[1], **{k: getattr(ran[1], k)[:0] for k in ("time_s", "poses", "status", "cause", "random", "systematic")})
+    nothing = replace(driven[1], **{k: getattr(driven[1], k)[:0] for k in ("time_s", "poses", "status", "cause", "random", "systematic")})
     with pytest.raises(CertificationError, match="the trajectory has no sample"):
         windows_from_rests(plan.program, tmp_path / "commands.csv", nothing)
     head = (tmp_path / "commands.csv").read_text().splitlines()[0]
     (tmp_path / "none.csv").write_text(head + "\n")
     with pytest.raises(FileFormatError, match="contains no command"):
-        windows_from_rests(plan.program, tmp_path / "none.csv", ran[1])
+        windows_from_rests(plan.program, tmp_path / "none.csv", driven[1])
 
 
 LOADED = Tests(
@@ -119,12 +118,9 @@ def test_forces_come_from_the_log_of_the_loads(loaded: tuple[Path, Program, Traj
     write_times(folder / "loads.csv", windows)
     given = ["program", "--out", str(folder), "--ran", str(folder / "trajectory.parquet")]
     before = (folder / "program.toml").read_bytes()
-    refused = CliRunner().invoke(app, given)
-    assert isinstance(refused.exception, CertificationError)
-    assert "cannot be distinguished: say when each force acted, by --loaded" in str(refused.exception)
+    assert "cannot be distinguished: say when each force acted, by --loaded" in refused(*given)
     assert (folder / "program.toml").read_bytes() == before
-    done = CliRunner().invoke(app, [*given, "--loaded", str(folder / "loads.csv")])
-    assert done.exit_code == 0, done.output
+    ran(*given, "--loaded", folder / "loads.csv")
     found = read_program(folder / "program.toml")
     assert found.compliance[0].windows_s == windows
     assert len(found.path[0].windows_s) == 2
@@ -133,8 +129,7 @@ def test_forces_come_from_the_log_of_the_loads(loaded: tuple[Path, Program, Traj
     assert last <= windows[0][0]
     assert first == pytest.approx(program.pose[0].windows_s[-1][0], abs=0.35)
     # what is stated in the program needs no log
-    again = CliRunner().invoke(app, given)
-    assert again.exit_code == 0, again.output
+    ran(*given)
     assert read_program(folder / "program.toml") == found
 
 
@@ -155,15 +150,14 @@ def test_a_log_of_loads_that_cannot_be_is_refused(loaded: tuple[Path, Program, T
 
 @pytest.mark.parametrize("options", [("--loaded", "x.csv"), ("--ran", "t.parquet", "--x", "0:1", "--y", "0:1", "--z", "0:1")])
 def test_options_that_do_not_go_together(options: tuple[str, ...], tmp_path: Path) -> None:
-    assert CliRunner().invoke(app, ["program", "--out", str(tmp_path), *options]).exit_code == 2
+    refused("program", "--out", tmp_path, *options, code=2)
 
 
-def test_the_command_fills_in_the_program(plan: Campaign, ran: tuple[Program, Trajectory], tmp_path: Path) -> None:
+def test_the_command_fills_in_the_program(plan: Campaign, driven: tuple[Program, Trajectory], tmp_path: Path) -> None:
     write_commands(tmp_path / "commands.csv", plan)
     write_program(tmp_path / "program.toml", plan.program)
-    write_trajectory(tmp_path / "trajectory.parquet", ran[1])
-    done = CliRunner().invoke(app, ["program", "--out", str(tmp_path), "--ran", str(tmp_path / "trajectory.parquet")])
-    assert done.exit_code == 0, done.output
+    write_trajectory(tmp_path / "trajectory.parquet", driven[1])
+    ran("program", "--out", tmp_path, "--ran", tmp_path / "trajectory.parquet")
     assert len(read_program(tmp_path / "program.toml").pose[0].windows_s) == 2
 
 

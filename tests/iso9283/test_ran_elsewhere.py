@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from in_process import ran
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
-from lmeasure.cli.app import app
 from lmeasure.core import FloatArray
 from lmeasure.recording import Program, read_program
 
@@ -70,17 +69,14 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def ran(folder: Path, t: FloatArray, p: FloatArray, *more: str) -> tuple[Program, str]:
+def driven(folder: Path, t: FloatArray, p: FloatArray, *more: str) -> tuple[Program, str]:
     pd.DataFrame({"time_s": t, "x_mm": p[:, 0], "y_mm": p[:, 1], "z_mm": p[:, 2]}).to_csv(folder / "t.csv", index=False)
     return filled(folder, "t.csv", *more)
 
 
 def filled(folder: Path, name: str, *more: str) -> tuple[Program, str]:
-    done = CliRunner().invoke(app, ["program", "--out", str(folder), "--ran", str(folder / name), *more])
-    if done.exception and not isinstance(done.exception, SystemExit):
-        raise done.exception
-    assert done.exit_code == 0, done.output
-    return read_program(folder / "program.toml"), done.output
+    said = ran("program", "--out", folder, "--ran", folder / name, *more)
+    return read_program(folder / "program.toml"), said
 
 
 def right(program: Program, rests: list[tuple[float, float]], within_s: float = 0.15) -> None:
@@ -114,7 +110,7 @@ def test_windows_are_those_of_the_commands(folder: Path, change: Callable[..., N
     t, p, rests = robot()
     if change is not None:
         change(t, p, rests)
-    program, _ = ran(folder, t, p)
+    program, _ = driven(folder, t, p)
     right(program, rests)
 
 
@@ -131,8 +127,8 @@ def test_a_trackers_own_names_and_units(folder: Path) -> None:
 def test_a_certificate_in_three_commands_from_a_trackers_own_frame(folder: Path) -> None:
     t, p, rests = robot()
     seen = np.asarray(TURNED.apply(p) + MOVED)
-    with pytest.raises(Exception, match="is the trajectory in another frame \\(--align\\)"):
-        ran(folder, t, seen)
+    with pytest.raises(AssertionError, match="is the trajectory in another frame \\(--align\\)"):
+        driven(folder, t, seen)
     quaternion = np.tile(TURNED.as_quat(), (len(t), 1))
     columns = {name: seen[:, k] for k, name in enumerate(("x_mm", "y_mm", "z_mm"))} | dict(
         zip(("qx", "qy", "qz", "qw"), quaternion.T, strict=True)
@@ -141,13 +137,9 @@ def test_a_certificate_in_three_commands_from_a_trackers_own_frame(folder: Path)
     program, _ = filled(folder, "t.csv", "--align")
     right(program, rests)
     words = ["certify", str(folder / "t.csv"), "--program", str(folder / "program.toml"), "--align", "--trials", "100"]
-    done = CliRunner().invoke(app, [*words, "--u-position-mm", "0.01", "--u-rotation-deg", "0.01", "--out", str(folder / "c")])
-    assert done.exit_code == 0, done.output
+    ran(*words, "--u-position-mm", "0.01", "--u-rotation-deg", "0.01", "--out", folder / "c")
     assert "orientation read from qx, qy, qz, qw: quaternion x, y, z, w" in (folder / "c" / "certificate.json").read_text()
-    done = CliRunner().invoke(
-        app, ["motion", str(folder / "t.csv"), "--align", str(folder / "program.toml"), "--out", str(folder / "m.csv")]
-    )
-    assert done.exit_code == 0, done.output
+    ran("motion", folder / "t.csv", "--align", folder / "program.toml", "--out", folder / "m.csv")
     moved = pd.read_csv(folder / "m.csv")
     inside = moved["time_s"].between(rests[0][0] + 0.3, rests[0][1] - 0.3)
     first = pd.read_csv(TABLES / "commands.csv")[["x_mm", "y_mm", "z_mm"]].to_numpy()[0]
@@ -157,7 +149,7 @@ def test_a_certificate_in_three_commands_from_a_trackers_own_frame(folder: Path)
 
 def test_the_pace_of_a_run_is_told(folder: Path) -> None:
     t, p, rests = robot(slower=3.0)
-    program, said = ran(folder, t, p)
+    program, said = driven(folder, t, p)
     right(program, rests, within_s=0.5)
     assert "% of the commanded speeds" in said
 
@@ -170,7 +162,7 @@ def test_what_was_not_run_is_named(folder: Path) -> None:
     dwells = dwells[dwells["dwell_s"] > 0]
     k = next(i for i, name in enumerate(dwells["target"]) if name == "large circle")
     kept = (t < rests[k - 1][1] - 0.2) | (t > rests[k][0] + 0.2)
-    with pytest.raises(Exception, match=r"command \d+ \(large circle, cycle \d\): (no rest near|the rest near .* is not its own)"):
-        ran(folder, t[kept], p[kept])
-    with pytest.raises(Exception, match=r"command \d+ \(.*\): no rest near"):
-        ran(folder, t[t < rests[-1][0] - 0.5], p[t < rests[-1][0] - 0.5])
+    with pytest.raises(AssertionError, match=r"command \d+ \(large circle, cycle \d\): (no rest near|the rest near .* is not its own)"):
+        driven(folder, t[kept], p[kept])
+    with pytest.raises(AssertionError, match=r"command \d+ \(.*\): no rest near"):
+        driven(folder, t[t < rests[-1][0] - 0.5], p[t < rests[-1][0] - 0.5])

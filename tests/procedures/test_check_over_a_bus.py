@@ -9,13 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from in_process import ran
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from test_buses import a_group, feeding
 from test_interim import HOME, PLACES, calibrated, true_rig
-from typer.testing import CliRunner
 
-from lmeasure.cli.app import app
 from lmeasure.core import angles_from_rotation, se3
 from lmeasure.rig import Rig, rig_from_dict, write_calibration_record, write_rig
 from lmeasure.simulation import Leg, simulate_run, smooth_path
@@ -72,8 +71,7 @@ def test_a_sound_instrument_passes_and_a_point_that_moved_is_named(tmp_path: Pat
     reported = []
     for name, true in (("monday", true_rig()), ("tuesday", rig_from_dict(worn))):
         run = recorded(tmp_path, name, counted(true))
-        checked = CliRunner().invoke(app, ["check-instrument", run, *options, "--out", str(tmp_path / f"{name}-check")])
-        assert checked.exit_code == 0, checked.output
+        ran("check-instrument", run, *options, "--out", tmp_path / f"{name}-check")
         reported.append(json.loads((tmp_path / f"{name}-check" / "check.json").read_text(encoding="utf-8")))
     sound, moved = reported
     assert sound["verdict"] == "passed"

@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from in_process import ran
 from scipy.spatial.transform import Rotation
 from test_interim import HOME, calibrated, true_rig
-from typer.testing import CliRunner
 
-from lmeasure.cli.app import app
 from lmeasure.core import se3
 from lmeasure.procedures import explained
 from lmeasure.recording import Run, write_run
@@ -83,10 +82,8 @@ def test_summary_and_page_say_it(tmp_path: Path) -> None:
     rig, record = calibrated()
     write_rig(tmp_path / "run" / "rig.toml", rig)
     write_calibration_record(tmp_path / "run" / "calibration.json", record)
-    reported = CliRunner().invoke(app, ["reconstruct", str(tmp_path / "run"), "--out", str(tmp_path / "t.parquet")])
-    assert reported.exit_code == 0, reported.output
-    assert "run-out of the drum of ch3 (0.0" in " ".join(reported.output.split())
-    assert "--solve run-out:B3" in " ".join(reported.output.split())
-    drawn = CliRunner().invoke(app, ["report", str(tmp_path / "run"), "--out", str(tmp_path / "page"), "--language", "ru"])
-    assert drawn.exit_code == 0, drawn.output
+    reported = ran("reconstruct", tmp_path / "run", "--out", tmp_path / "t.parquet")
+    assert "run-out of the drum of ch3 (0.0" in " ".join(reported.split())
+    assert "--solve run-out:B3" in " ".join(reported.split())
+    ran("report", tmp_path / "run", "--out", tmp_path / "page", "--language", "ru")
     assert "биение барабана, ch3 (0,0" in (tmp_path / "page" / "trajectory.html").read_text(encoding="utf-8")

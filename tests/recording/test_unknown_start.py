@@ -9,25 +9,15 @@ import pytest
 import tomli_w
 from campaigns import write_campaign
 from cells import cell, motion, record
-from typer.testing import CliRunner
+from in_process import code_and_text
 
-from lmeasure.cli.app import app
-from lmeasure.core import LMeasureError, TrajectoryError
+from lmeasure.core import TrajectoryError
 from lmeasure.recording import read_run, read_run_head, write_run
 from lmeasure.sensors import length_residuals, lengths_from_counts
 from lmeasure.trajectory import covariances, read_trajectory, reconstruct
 
 ZERO = {"position_mm": [0.0, 0.0, 0.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}
 UNKNOWN = r"the start pose of this run is not known.*: state \[start\] in run.toml, a pose or lengths_mm, or give it .* --start"
-
-
-def command(*words: str | Path) -> tuple[int, str]:
-    """Exit code and what was printed."""
-    done = CliRunner().invoke(app, [str(w) for w in words])
-    if isinstance(done.exception, LMeasureError):
-        return 1, str(done.exception)
-    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
-    return done.exit_code, done.output
 
 
 def without_start(folder: Path) -> None:
@@ -56,7 +46,7 @@ def test_nothing_is_reconstructed_from_an_unknown_start(tmp_path: Path) -> None:
     np.testing.assert_allclose(left.mean(axis=0), 0.0, atol=1e-9)
     np.testing.assert_allclose(left, (whole := length_residuals(known, motion(40)[1])) - whole.mean(axis=0), atol=1e-9)
     for extra in ((), ("--uncertainty", "monte-carlo")):
-        code, text = command("reconstruct", tmp_path / "run", "--out", tmp_path / "t.csv", *extra)
+        code, text = code_and_text("reconstruct", tmp_path / "run", "--out", tmp_path / "t.csv", *extra)
         assert code == 1
         assert "is not known" in text
         assert not (tmp_path / "t.csv").exists()
@@ -86,12 +76,12 @@ def test_reconstruct_takes_the_start_that_is_given(tmp_path: Path) -> None:
     (tmp_path / "start.toml").write_text(tomli_w.dumps({"start": ZERO | {"u_position_mm": 0.1}}))
     expected = reconstruct(run)
     for name, start in given.items():
-        assert command("reconstruct", tmp_path / "run", "--start", start, "--out", tmp_path / f"{name}.csv")[0] == 0
+        assert code_and_text("reconstruct", tmp_path / "run", "--start", start, "--out", tmp_path / f"{name}.csv")[0] == 0
         found = read_trajectory(tmp_path / f"{name}.csv")
         np.testing.assert_allclose(found.poses, expected.poses, atol=1e-9)
         assert (np.sqrt(found.systematic[:, 3, 3]).min() > 0.05) == (name == "file")
     # instead of the run's own, too
-    assert command("reconstruct", tmp_path / "other", "--start", given["numbers"], "--out", tmp_path / "again.csv")[0] == 0
+    assert code_and_text("reconstruct", tmp_path / "other", "--start", given["numbers"], "--out", tmp_path / "again.csv")[0] == 0
     np.testing.assert_allclose(read_trajectory(tmp_path / "again.csv").poses, expected.poses, atol=1e-9)
 
 
@@ -109,7 +99,7 @@ def test_reconstruct_takes_the_start_that_is_given(tmp_path: Path) -> None:
 def test_a_start_that_is_none_is_refused_in_one_line(start: str, complaint: str, tmp_path: Path) -> None:
     write_run(tmp_path / "run", record(cell(), *motion(5)))
     without_start(tmp_path / "run")
-    code, text = command("reconstruct", tmp_path / "run", "--start", start.format(run=tmp_path / "run"), "--out", tmp_path / "t.csv")
+    code, text = code_and_text("reconstruct", tmp_path / "run", "--start", start.format(run=tmp_path / "run"), "--out", tmp_path / "t.csv")
     assert code == (2 if "wanted are" in complaint else 1)
     assert complaint in text
     assert code == 2 or "\n" not in text
@@ -119,7 +109,7 @@ def test_nothing_is_certified_from_an_unknown_start(tmp_path: Path) -> None:
     write_campaign(tmp_path)
     without_start(tmp_path / "run")
     given = (tmp_path / "trajectory.parquet", "--run", tmp_path / "run", "--program", tmp_path / "program.toml")
-    code, text = command("certify", *given, "--out", tmp_path / "certificate")
+    code, text = code_and_text("certify", *given, "--out", tmp_path / "certificate")
     assert code == 1
     assert "the start pose of this run is not known" in text
     assert not (tmp_path / "certificate").exists()

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 import sqlalchemy
+from in_process import code_and_text, ran
 from postgresql import postgresql
-from typer.testing import CliRunner
 
 from lmeasure.certificate import canonical
-from lmeasure.cli.app import app
 from lmeasure.core import LMeasureError
 from lmeasure.register import Entry, Register, Result, due, read_limits
 
@@ -30,9 +29,8 @@ def entry(number: int, kind: str = "certificate", uses: tuple[str, ...] = (), su
 
 
 def run(*arguments: object) -> tuple[int, str]:
-    done = CliRunner().invoke(app, ["register", *map(str, arguments)])
-    text = str(done.exception) if isinstance(done.exception, LMeasureError) else done.output
-    return (1 if isinstance(done.exception, LMeasureError) else done.exit_code), " ".join(text.split())
+    code, text = code_and_text("register", *arguments)
+    return code, " ".join(text.split())
 
 
 @pytest.fixture
@@ -81,7 +79,7 @@ def test_what_is_no_document_adds_nothing(tmp_path: Path) -> None:
 def test_an_unsigned_certificate_is_refused_where_keys_are_kept(tmp_path: Path) -> None:
     good = certificate_folder(tmp_path / "c", 0.5, "2026-01-15", "ab" * 32)
     (tmp_path / "reg" / "keys").mkdir(parents=True)
-    CliRunner().invoke(app, ["key", "--out", str(tmp_path / "lab.pem")])
+    ran("key", "--out", tmp_path / "lab.pem")
     (tmp_path / "lab.pem.pub").rename(tmp_path / "reg" / "keys" / "lab.pem.pub")
     code, text = run(tmp_path / "reg", "--add", good)
     assert (code, "is not registered" in text) == (1, True), text

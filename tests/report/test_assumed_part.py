@@ -4,9 +4,8 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from in_process import ran
 
-from lmeasure.cli.app import app
 from lmeasure.recording import read_run, write_run
 from lmeasure.report.html import assumed_numbers
 from lmeasure.rig import write_rig
@@ -18,9 +17,8 @@ LABEL = "Assumed part of U95"
 
 
 def figures_of(words: list[str]) -> dict[str, float]:
-    done = CliRunner().invoke(app, [*words, "--json"])
-    assert done.exit_code == 0, done.output
-    found: dict[str, float] = json.loads(done.stdout)["figures"]
+    done = ran(*words, "--json")
+    found: dict[str, float] = json.loads(done)["figures"]
     return found
 
 

@@ -15,10 +15,9 @@ import numpy as np
 import openpyxl
 import pytest
 import scipy.io
-from typer.testing import CliRunner
+from in_process import ran
 
 from lmeasure.certificate import verify
-from lmeasure.cli.app import app
 from lmeasure.io import harmless
 from lmeasure.report import PRINTERS
 
@@ -37,8 +36,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     program.write_text(named.replace('name = "P1"', f"name = '{HOSTILE}'"))
     command = f"certify inputs/trajectory.parquet --program inputs/program.toml --run inputs/run --trials 100 --tables --out {here}/c"
     command = command.replace("inputs/", f"{here}/inputs/")
-    done = CliRunner().invoke(app, command.split())
-    assert done.exit_code == 0, done.output or done.exception
+    ran(*command.split())
     return here / "c"
 
 

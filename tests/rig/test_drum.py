@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import test_rig
 import tomli_w
+from in_process import ran, refused
 from scipy.optimize import brentq
-from typer.testing import CliRunner
 
-from lmeasure.cli.app import app
 from lmeasure.core import FileFormatError, RigError
 from lmeasure.rig import DrumMeasurement, choose, drum_geometry, drum_summary, read_drums, read_rig, rig_from_dict, with_drums
 from lmeasure.rig.drum_measurement import drum_uncertainty
@@ -158,18 +157,15 @@ def test_the_command(tmp_path: Path) -> None:
     )
     (tmp_path / "rig.toml").write_text(test_rig.RIG.replace('"demo"', '"demo"\ncalibration = "calibration.json"', 1))
     arguments = ["drum", str(tmp_path / "drums.toml"), "--rig", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "out.toml")]
-    done = CliRunner().invoke(app, [*arguments, "--point", "B1"])
-    assert done.exit_code == 0, done.output
-    assert (
-        "B1: tangent 149.757 mm (u not stated), axial offset 20.000 mm (u 0.300), 0.012 mm per count; groove angle 1.194 deg" in done.output
-    )
-    assert "note: the link to calibration.json is removed, because it belongs to the earlier drums; calibrate again" in done.output
+    done = ran(*arguments, "--point", "B1")
+    assert "B1: tangent 149.757 mm (u not stated), axial offset 20.000 mm (u 0.300), 0.012 mm per count; groove angle 1.194 deg" in done
+    assert "note: the link to calibration.json is removed, because it belongs to the earlier drums; calibrate again" in done
     rig = read_rig(tmp_path / "out.toml")
     assert rig.point("B1").drum.tangent_length_mm == pytest.approx(149.756507, abs=1e-6)
     assert rig.point("B2").drum.tangent_length_mm == 0
-    assert CliRunner().invoke(app, [*arguments, "--force"]).exit_code == 0
+    ran(*arguments, "--force")
     assert read_rig(tmp_path / "out.toml").point("B2").drum.axial_offset_mm == pytest.approx(20)
-    assert CliRunner().invoke(app, ["drum"]).exit_code == 2
+    refused("drum", code=2)
 
 
 def test_drums_that_are_alike_are_told_in_one_line() -> None:
@@ -185,8 +181,7 @@ def test_a_rig_without_drums_gets_them_and_keeps_its_comments(tmp_path: Path) ->
     (tmp_path / "drums.toml").write_text(tomli_w.dumps({"schema": "lmeasure.drum/1", "drum": [values(), values(point="B2")]}))
     (tmp_path / "rig.toml").write_text(COMMENTED)
     arguments = ["drum", str(tmp_path / "drums.toml"), "--rig", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "out.toml")]
-    done = CliRunner().invoke(app, arguments)
-    assert done.exit_code == 0, done.output
+    ran(*arguments)
     rig, text = read_rig(tmp_path / "out.toml"), (tmp_path / "out.toml").read_text()
     assert rig.point("B1").drum.counts_per_revolution == 6000
     assert rig.point("B1").drum.axial_offset_mm == drum_geometry(measurement()).axial_offset_mm
@@ -195,6 +190,5 @@ def test_a_rig_without_drums_gets_them_and_keeps_its_comments(tmp_path: Path) ->
     comments = [line.partition("#")[2].strip() for line in COMMENTED.splitlines() if "#" in line]
     assert [c for c in comments if f"# {c}" not in text] == []
     (tmp_path / "drums.toml").write_text(tomli_w.dumps({"schema": "lmeasure.drum/1", "drum": [values(point="B2")]}))
-    with pytest.raises(RigError, match=r"rig.toml:6: \[observation_point B1\].drum: is missing"):
-        CliRunner().invoke(app, [*arguments, "--force"], catch_exceptions=False)
+    assert "rig.toml:6: [observation_point B1].drum: is missing" in refused(*arguments, "--force")
     assert read_rig(tmp_path / "out.toml") == rig

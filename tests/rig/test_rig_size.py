@@ -7,10 +7,8 @@ from typing import Any
 
 import pytest
 import tomli_w
-from typer.testing import CliRunner
+from in_process import ran, refused
 
-from lmeasure.cli.app import app
-from lmeasure.core import CalibrationError
 from lmeasure.rig import unlikely_size
 from lmeasure.templates import TEMPLATES, Answers, rig_of
 
@@ -80,10 +78,9 @@ def test_calibrate_says_in_which_unit_a_rig_was_written(unit: str, factor: float
             (tmp_path / path.name).write_bytes(path.read_bytes())
     rig = tomllib.loads((source / "rig.toml").read_text(encoding="utf-8"))
     (tmp_path / "rig.toml").write_text(tomli_w.dumps(in_unit(rig, factor)), encoding="utf-8")
-    error = CliRunner().invoke(app, ["calibrate", str(tmp_path), "--out", str(tmp_path / "out")]).exception
-    assert isinstance(error, CalibrationError)
-    assert f"where the nominal rig's dimensions are {unit}, and not millimetres" in error.lines[0]
-    assert f"in {unit}, this would be" in error.lines[1]
+    first, second = refused("calibrate", tmp_path, "--out", tmp_path / "out").splitlines()[-2:]
+    assert f"where the nominal rig's dimensions are {unit}, and not millimetres" in first
+    assert f"in {unit}, this would be" in second
     assert not (tmp_path / "out").exists()
 
 
@@ -91,10 +88,7 @@ def test_a_rig_in_metres_is_used_and_named(tmp_path: Path) -> None:
     rig = in_unit(tomllib.loads(RIGS[0].read_text(encoding="utf-8")), 1e-3)
     (tmp_path / "rig.toml").write_text(tomli_w.dumps(rig), encoding="utf-8")
     words = ["drum", str(ROOT / "docs" / "nothing.toml"), "--rig", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "new.toml")]
-    error = CliRunner().invoke(app, words).exception
-    assert "in metres, this would be" in getattr(error, "lines", [""])[-1]
+    assert "in metres, this would be" in refused(*words).splitlines()[-1]
     # what people answer
     spans = ["my cell", *[""] * 40]
-    done = CliRunner().invoke(app, ["init", str(tmp_path / "cell")], input="\n".join(["six-cables", *spans]))
-    assert done.exit_code == 0, done.output
-    assert "this would be" not in done.output
+    assert "this would be" not in ran("init", tmp_path / "cell", typed="\n".join(["six-cables", *spans]))

@@ -4,10 +4,9 @@ import json
 from pathlib import Path
 
 import numpy as np
+from in_process import refused
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
-from lmeasure.cli.app import app
 from lmeasure.core import FloatArray, se3
 from lmeasure.io import write_table
 from lmeasure.io.tables import read_table
@@ -29,9 +28,7 @@ GANTRY = """<robot name="gantry"><link name="w"/><link name="a"/><link name="b"/
 
 
 def ran(*arguments: object, code: int = 0) -> str:
-    done = CliRunner().invoke(app, [str(a) for a in arguments])
-    assert done.exit_code == code, f"{done.output} {done.exception}"
-    return " ".join(f"{done.output} {done.exception or ''}".split())
+    return " ".join(refused(*arguments, code=code).split())
 
 
 def built(nominal: SerialRobot, seed: int, **more: float) -> SerialRobot:

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from in_process import code_and_text, ran, refused
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
-from lmeasure.cli.app import app
 from lmeasure.core import FloatArray, se3
 from lmeasure.robot_programs import fanuc, fits, krl, rapid, ur_script
 from lmeasure.robots import IdentifiedRobot, Limits, RobotModel, in_keep_out, read_identified, ways
@@ -48,14 +47,7 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, SerialRo
     xyz = places(true, q) + rng.normal(0.0, 0.02, (100, 3))
     rows = [f"p{i}," + ",".join(f"{v:.12g}" for v in (*np.degrees(a), *b)) for i, (a, b) in enumerate(zip(q, xyz, strict=True))]
     (folder / "m.csv").write_text("\n".join([HEADER + ",x_mm,y_mm,z_mm", *rows]) + "\n")
-    done = CliRunner().invoke(
-        app,
-        [
-            "identify", "--robot", "generic6", "--measurements", str(folder / "m.csv"), "--out", str(folder / "id"), "--u-position-mm",
-            "0.02",
-        ],
-    )  # fmt: skip
-    assert done.exit_code == 0, done.output
+    ran("identify", "--robot", "generic6", "--measurements", folder / "m.csv", "--out", folder / "id", "--u-position-mm", "0.02")
     return folder, true
 
 
@@ -231,9 +223,8 @@ def test_the_command(identified: tuple[Path, SerialRobot], tmp_path: Path) -> No
     robot = read_identified(folder / "id")
     q = joints_of(np.random.default_rng(6), 25)
     path = program(tmp_path, robot, q)
-    done = CliRunner().invoke(app, ["correct", str(path), "--identified", str(folder / "id"), "--out", str(tmp_path / "out")])
-    assert done.exit_code == 0, done.output
-    assert "not corrected: p.src:30: PTP HOME: no declaration with values here" in done.output
+    done = ran("correct", path, "--identified", folder / "id", "--out", tmp_path / "out")
+    assert "not corrected: p.src:30: PTP HOME: no declaration with values here" in done
     record = json.loads((tmp_path / "out" / "corrections.json").read_text())
     assert record["corrected"] == 26
     assert all(t["error_left_mm"] < 1e-6 and t["u95_mm"] < 0.15 for t in record["targets"])
@@ -248,8 +239,7 @@ def test_the_command(identified: tuple[Path, SerialRobot], tmp_path: Path) -> No
     went = np.array([ways(robot.nominal, f, one)[0] for f, one in zip(flange, q, strict=True)])
     assert np.linalg.norm(places(true, went) - wanted, axis=1).max() < 0.15
     box = ["--out", str(tmp_path / "b"), "--keep-out", "-5000:5000,-5000:5000,-5000:5000"]
-    boxed = CliRunner().invoke(app, ["correct", str(path), "--identified", str(folder / "id"), *box])
-    assert "0 of 26 targets corrected" in boxed.output
+    assert "0 of 26 targets corrected" in code_and_text("correct", path, "--identified", folder / "id", *box)[1]
 
 
 @pytest.mark.parametrize(
@@ -268,9 +258,7 @@ def test_what_cannot_be_is_one_line(
     (tmp_path / "f.toml").write_text("[BASE]\nturn = [1, 2, 3]\n")
     path = program(tmp_path, read_identified(folder / "id"), joints_of(np.random.default_rng(6), 2))
     given = [a.replace("{tmp}", str(tmp_path)) for a in arguments]
-    done = CliRunner().invoke(app, ["correct", str(path), "--identified", str(folder / "id"), "--out", str(tmp_path / "o"), *given])
-    assert done.exit_code == code
-    assert text in " ".join(f"{done.output} {done.exception}".split())
+    assert text in " ".join(refused("correct", path, "--identified", folder / "id", "--out", tmp_path / "o", *given, code=code).split())
     assert not (tmp_path / "o").exists()
 
 
@@ -279,6 +267,4 @@ def test_an_identification_that_is_none(tmp_path: Path, identified: tuple[Path, 
     (tmp_path / "robot.toml").write_bytes((folder / "id" / "robot.toml").read_bytes())
     (tmp_path / "identified.json").write_text('{"parameters": []}')
     path = program(tmp_path, read_identified(folder / "id"), joints_of(np.random.default_rng(6), 2))
-    done = CliRunner().invoke(app, ["correct", str(path), "--identified", str(tmp_path), "--out", str(tmp_path / "o")])
-    assert done.exit_code == 1
-    assert "not what `lmeasure identify` writes" in str(done.exception)
+    assert "not what `lmeasure identify` writes" in refused("correct", path, "--identified", tmp_path, "--out", tmp_path / "o")

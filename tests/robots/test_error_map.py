@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from in_process import code_and_text, ran
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
-from lmeasure.cli.app import app
 from lmeasure.core import FloatArray, RobotError, se3
 from lmeasure.robots import error_map, identify_with_choice, predict
 from lmeasure.robots.correction.error_map import NUGGET, Process, _affine, _apart, _covariance, inside
@@ -142,11 +141,10 @@ def test_a_program_is_corrected_where_the_map_reaches(sample: tuple[SerialRobot,
     tilted = se3.displaced(MIDDLE, [0.8, 0.0, 0.0, 0.0, 0.0, 0.0])
     measured, program = tables(tmp_path, sample, np.concatenate([targets, far[None], tilted[None]]))
     given = ["correct", str(program), "--map", str(measured), "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(app, given)
-    assert done.exit_code == 0, done.output
-    assert "20 of 22 targets corrected (csv)" in done.output
-    assert "T20: outside the measured region" in done.output
-    assert "T21: its orientation is" in done.output
+    done = ran(*given)
+    assert "20 of 22 targets corrected (csv)" in done
+    assert "T20: outside the measured region" in done
+    assert "T21: its orientation is" in done
     record = json.loads((tmp_path / "out" / "corrections.json").read_text())["targets"]
     determined = np.array([row["corrected_values"] for row in record[:20]])
     off = se3.displacement(se3.displaced(determined, true_errors(robot, determined)), targets)
@@ -157,12 +155,11 @@ def test_a_program_is_corrected_where_the_map_reaches(sample: tuple[SerialRobot,
     assert np.linalg.norm(off[:, :3], axis=1).mean() < 0.4 * np.linalg.norm(true_errors(robot, targets)[:, :3], axis=1).mean()
     assert all(row["error_left_mm"] < 1e-6 for row in record[:20])
     # another tool than the one that was measured
-    other = CliRunner().invoke(app, [*given, "--force", "--tool", "0,0,100"])
-    assert "0 of 22 targets corrected" in other.output
-    assert "its tool tool differs from the map's tool" in other.output
-    small = CliRunner().invoke(app, [*given, "--force", "--most-mm", "0.2", "--clip"])
+    _, other = code_and_text(*given, "--force", "--tool", "0,0,100")
+    assert "0 of 22 targets corrected" in other
+    assert "its tool tool differs from the map's tool" in other
+    ran(*given, "--force", "--most-mm", "0.2", "--clip")
     clipped = json.loads((tmp_path / "out" / "corrections.json").read_text())["targets"][:20]
-    assert small.exit_code == 0
     assert all(row["size_mm"] <= 0.2 + 1e-9 for row in clipped)
     assert any(row["clipped"] and row["error_left_mm"] > 0.05 for row in clipped)
 
@@ -181,9 +178,9 @@ def test_a_map_that_is_none_is_one_line(
 ) -> None:
     measured, program = tables(tmp_path, sample, poses_of(np.random.default_rng(1), 2))
     measured.write_text(measured.read_text().replace(*change))
-    done = CliRunner().invoke(app, ["correct", str(program), "--map", str(measured), "--out", str(tmp_path / "o"), *arguments])
-    assert done.exit_code in (1, 2)
-    assert text in " ".join(f"{done.output} {done.exception}".split())
+    code, said = code_and_text("correct", program, "--map", measured, "--out", tmp_path / "o", *arguments)
+    assert code in (1, 2)
+    assert text in " ".join(said.split())
     assert not (tmp_path / "o").exists()
 
 

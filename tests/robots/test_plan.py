@@ -5,10 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
+from in_process import ran, refused
 
-from lmeasure.cli.app import app
-from lmeasure.core import RobotError, SettingsError, se3
+from lmeasure.core import RobotError, se3
 from lmeasure.recording import read_poses
 from lmeasure.rig import read_rig
 from lmeasure.robots import Allowed, ParallelFile, any_shipped, freed, nearness, read_measurements
@@ -78,8 +77,7 @@ def test_targets_stay_in_the_instruments_zone() -> None:
 def test_poses_of_a_mechanism_are_planned_within_all_its_limits(tmp_path: Path) -> None:
     """At random hardly any joint values of six carriages are those of a pose; the poses planned are in the workspace, and reached."""
     out = tmp_path / "joints.csv"
-    done = CliRunner().invoke(app, ["plan-poses", "--robot", "rotopod-cell", "--poses", "12", "--tool", "30,20,60", "--out", str(out)])
-    assert done.exit_code == 0, done.output
+    done = ran("plan-poses", "--robot", "rotopod-cell", "--poses", "12", "--tool", "30,20,60", "--out", out)
     file = any_shipped("rotopod-cell")
     assert isinstance(file, ParallelFile)
     rows = read_measurements(out, file.model, joints_alone=True)
@@ -90,7 +88,7 @@ def test_poses_of_a_mechanism_are_planned_within_all_its_limits(tmp_path: Path) 
     assert near.min() >= 0.3 * nearness(file.model.jacobians(file.model.home[None], file.model.home_joints[None]).output, file.model.units)
     # spread over what it can do, and better than as many at random
     assert np.ptp(flange[:, 2]) > 10.0
-    line = next(line for line in done.output.splitlines() if line.startswith("  after  12: "))
+    line = next(line for line in done.splitlines() if line.startswith("  after  12: "))
     expected, random = (float(v) for v in line.removeprefix("  after  12: ").replace(" mm, with random poses", "").split())
     assert expected < random
 
@@ -110,15 +108,12 @@ def test_plan_poses_of_a_robot_from_the_command_line(tmp_path: Path) -> None:
     """The table is read by `identify --predict` and as candidates; the poses are those of the target."""
     out, poses = tmp_path / "joints.csv", tmp_path / "joints_poses.csv"
     asked = ["plan-poses", "--robot", "ur5", "--poses", "12", "--tool", "30,20,120"]
-    done = CliRunner().invoke(app, [*asked, "--base", "1500,0,0", "--out", str(out)])
-    assert done.exit_code == 0, done.output
+    ran(*asked, "--base", "1500,0,0", "--out", out)
     rows = read_measurements(out, shipped("ur5").model, joints_alone=True)
     assert len(rows) == 12
     at = read_poses(poses, "puma-oat").rows
     own = se3.compose(np.tile([1500.0, 0, 0, 0, 0, 0, 1.0], (12, 1)), shipped("ur5").model.forward(rows.joints))
     assert at[:, :3] == pytest.approx(se3.apply(own, np.array([30.0, 20.0, 120.0])), abs=1e-6)
-    again = CliRunner().invoke(app, [*asked[:3], "--poses", "5", "--candidates", str(out), "--out", str(tmp_path / "five.csv")])
-    assert again.exit_code == 0, again.output
+    ran(*asked[:3], "--poses", "5", "--candidates", out, "--out", tmp_path / "five.csv")
     assert set(read_measurements(tmp_path / "five.csv", shipped("ur5").model, joints_alone=True).names) < set(rows.names)
-    wrong = CliRunner().invoke(app, ["plan-poses", "rig.toml", "--poses", "3", "--tool", "1,2,3", "--out", str(tmp_path / "no.csv")])
-    assert isinstance(wrong.exception, SettingsError) or wrong.exit_code == 2
+    refused("plan-poses", "rig.toml", "--poses", "3", "--tool", "1,2,3", "--out", tmp_path / "no.csv", code=2)

@@ -4,9 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from in_process import ran
 
-from lmeasure.cli.app import app
 from lmeasure.core import FileFormatError, RobotError, se3
 from lmeasure.io import files
 from lmeasure.iso9283 import Tests, campaign, largest_cube, simulate_robot, write_commands
@@ -69,15 +68,11 @@ def test_a_program_is_gone_through_and_certified_by_command(model: str, unit: st
     (tmp_path / "scenario.toml").write_text(text)
     program, measured = tmp_path / "program.toml", tmp_path / "t.parquet"
     write_program(program, plan.program)
-    for line in (
-        ("simulate", tmp_path / "scenario.toml", "--out", tmp_path / "run"),
-        ("reconstruct", tmp_path / "run", "--out", measured),
-        ("program", "--ran", measured, "--out", tmp_path),
-        ("certify", measured, "--run", tmp_path / "run", "--program", program, "--out", tmp_path / "certificate"),
-        ("verify", tmp_path / "certificate"),
-    ):
-        done = CliRunner().invoke(app, [str(word) for word in line])
-        assert done.exit_code == 0, f"{done.output}\n{done.exception!r}"
+    ran("simulate", tmp_path / "scenario.toml", "--out", tmp_path / "run")
+    ran("reconstruct", tmp_path / "run", "--out", measured)
+    ran("program", "--ran", measured, "--out", tmp_path)
+    ran("certify", measured, "--run", tmp_path / "run", "--program", program, "--out", tmp_path / "certificate")
+    ran("verify", tmp_path / "certificate")
     drawn, true = (read_robot(tmp_path / "run" / "robot" / part) for part in ("robot.toml", "true/robot.toml"))
     assert drawn != true
     rests = files.read_table(tmp_path / "run" / "robot" / "joints.csv")
@@ -143,9 +138,7 @@ def test_a_platform_of_three_freedoms_is_simulated_certified_and_identified_by_c
     """From joint values of its cranks: robot/program.toml has the rests where its drawing attains them."""
 
     def run(*words: object) -> str:
-        done = CliRunner().invoke(app, [str(w) for w in words])
-        assert done.exit_code == 0, f"{done.output}\n{done.exception!r}"
-        return done.output
+        return ran(*words)
 
     cranks = np.random.default_rng(1).uniform(-40.0, 40.0, (14, 3))
     columns = {"name": [f"P{i}" for i in range(1, 15)], **dict(zip(("leg_1_deg", "leg_3_deg", "leg_5_deg"), cranks.T, strict=True))}

@@ -6,11 +6,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from in_process import code_and_text
 from kinematics_readers import Matrix, shift, turn
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
-
-from lmeasure.cli.app import app
 
 CASES = Path(__file__).parents[1] / "authorities"
 OFF = np.radians([0.0, 0.06, -0.05, 0.0, 0.04, 0.0])
@@ -18,9 +16,9 @@ OFF = np.radians([0.0, 0.06, -0.05, 0.0, 0.04, 0.0])
 
 
 def ran(*arguments: object, refused: bool = False) -> str:
-    done = CliRunner().invoke(app, [str(a) for a in arguments])
-    assert (done.exit_code != 0) == refused, done.output
-    return f"{done.output}{done.exception}".replace("\n", " ")
+    code, text = code_and_text(*arguments)
+    assert (code != 0) == refused, text
+    return text.replace("\n", " ")
 
 
 def flange(degrees: object, off: object = 0.0) -> Matrix:

@@ -8,14 +8,13 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+from in_process import ran, refused
 from reference.rig_channels import cable_lengths
 from reference.solver import pressure_angles, solve_poses, twists
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from lmeasure.accuracy import read_zone
-from lmeasure.cli.app import app
-from lmeasure.core import CONVENTIONS, OverwriteError, se3
+from lmeasure.core import CONVENTIONS, se3
 from lmeasure.io import read_toml
 from lmeasure.rig import Drum, ObservationPoint, Rig, read_calibration_record, read_rig, value_of, with_values
 from lmeasure.sensors import counts_from_poses
@@ -66,8 +65,7 @@ def test_the_cost_is_the_worst_of_the_box_and_of_all_directions() -> None:
 
 @pytest.mark.parametrize("name", TEMPLATES)
 def test_every_template_is_whole_and_serves_its_cube(name: str, tmp_path: Path) -> None:
-    made = CliRunner().invoke(app, ["init", str(tmp_path), "--template", name])
-    assert made.exit_code == 0, made.output
+    ran("init", tmp_path, "--template", name)
     rig = read_rig(tmp_path / "rig.toml")
     assert rig == rig_of(TEMPLATES[name]), "what is written is what the costs were worked out for"
     rig.require_pose(redundant=True)
@@ -89,15 +87,13 @@ def test_every_template_is_whole_and_serves_its_cube(name: str, tmp_path: Path) 
 
 def test_nothing_is_ever_written_over(tmp_path: Path) -> None:
     (tmp_path / "drums.toml").write_text("mine")
-    with pytest.raises(OverwriteError, match=r"drums.toml: exists"):
-        CliRunner().invoke(app, ["init", str(tmp_path), "--template", "six-cables"], catch_exceptions=False)
+    assert "drums.toml: exists" in refused("init", tmp_path, "--template", "six-cables", code=2)
     assert [p.name for p in tmp_path.iterdir()] == ["drums.toml"]
     one = tmp_path / "one.toml"
-    assert CliRunner().invoke(app, ["init", str(one), "--template", "three-drums"]).exit_code == 0
+    ran("init", one, "--template", "three-drums")
     text = one.read_text()
     assert "#:schema" not in text
-    with pytest.raises(OverwriteError):
-        CliRunner().invoke(app, ["init", str(one), "--template", "six-cables"], catch_exceptions=False)
+    refused("init", one, "--template", "six-cables", code=2)
     assert one.read_text() == text
     assert (tmp_path / "drums.toml").read_text() == "mine"
 
@@ -106,11 +102,10 @@ def test_questions_are_asked_where_no_template_is_named(tmp_path: Path) -> None:
     answers = [
         "four", "three-drums", "cell 7", "kuka-abc", "4096", "0.02", "x", "1.5", "22.5", "", "100,200,300", "1,2", "7,8,9", *[""] * 9,
     ]  # fmt: skip
-    made = CliRunner().invoke(app, ["init", str(tmp_path)], input="\n".join(answers))
-    assert made.exit_code == 0, made.output
-    assert "'four' is not in the list. Which" in made.output
-    assert "'x' is not a number" in made.output
-    assert "'1,2' is not 3 numbers" in made.output
+    made = ran("init", tmp_path, typed="\n".join(answers))
+    assert "'four' is not in the list. Which" in made
+    assert "'x' is not a number" in made
+    assert "'1,2' is not 3 numbers" in made
     rig = read_rig(tmp_path / "rig.toml")
     assert (rig.name, rig.angles, rig.point("B1").drum.counts_per_revolution) == ("cell 7", "kuka-abc", 4096)
     assert rig.point("B3").pulley_radius_mm == 22.5
@@ -119,35 +114,33 @@ def test_questions_are_asked_where_no_template_is_named(tmp_path: Path) -> None:
     assert rig.point("B3").position_mm == (7.0, 8.0, 9.0)
     assert "B1.pulley_radius_mm" not in rig.assumed, "it was said"
     assert "B1.tangent_length_mm" in rig.assumed
-    assert CliRunner().invoke(app, ["init", str(tmp_path / "other")], input="").exit_code == 2
-    assert CliRunner().invoke(app, ["init", str(tmp_path / "other"), "--template", "nine"]).exit_code == 2
+    refused("init", tmp_path / "other", code=2)
+    refused("init", tmp_path / "other", "--template", "nine", code=2)
     assert not (tmp_path / "other").exists()
-    assert len(CliRunner().invoke(app, ["init", "--list"]).output.splitlines()) == len(TEMPLATES) + 1  # and the command to type next
+    assert len(ran("init", "--list").splitlines()) == len(TEMPLATES) + 1  # and the command to type next
 
 
 def test_numbers_that_make_no_rig_are_asked_for_again(tmp_path: Path) -> None:
     """One at a time: all answers were lost by one that was wrong. An encoder of 24 bits is no mistake."""
     answers = ["", "", "", "0", "16777216", "0", "-0.01", "0.001", "", "-3", "nan", "20", "2e6,0,0", *[""] * 10]
-    made = CliRunner().invoke(app, ["init", str(tmp_path)], input="\n".join(answers))
-    assert made.exit_code == 0, made.output
-    for refused in (
+    made = ran("init", tmp_path, typed="\n".join(answers))
+    for error in (
         "'0' must be at least 1.",
         "'0' must be at least 1e-09.",
         "'-0.01' must be",
         "'-3' must be at least 0.",
         "'nan' is not a number",
     ):
-        assert refused in made.output
-    assert "'2e6,0,0' must be at most 1000000." in made.output
+        assert error in made
+    assert "'2e6,0,0' must be at most 1000000." in made
     assert read_rig(tmp_path / "rig.toml").point("B1").drum.counts_per_revolution == 16777216
 
 
 def test_questions_are_russian_where_the_terminal_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LANGUAGE", "ru")
     answers = ["four", "", "", "", "6000.5", "", "0,012", "", "", "-1", "", "1,2", *[""] * 12]
-    made = CliRunner().invoke(app, ["init", str(tmp_path)], input="\n".join(answers))
-    assert made.exit_code == 0, made.output
-    asked = made.output.partition(str(tmp_path))[0]
+    made = ran("init", tmp_path, typed="\n".join(answers))
+    asked = made.partition(str(tmp_path))[0]
     words = set(re.findall("[A-Za-z]{3,}", asked))
     assert words == set(re.findall("[A-Za-z]{3,}", f"four my rig Enter {' '.join(TEMPLATES)} {' '.join(CONVENTIONS)}")), words
     assert "[0.012]: 0,012\n'0,012' – не число. " in asked  # as it may be typed
@@ -155,11 +148,11 @@ def test_questions_are_russian_where_the_terminal_is(tmp_path: Path, monkeypatch
 
 def test_what_is_said_to_come_next_can_be_pasted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LANGUAGE", "ru")
-    reported = CliRunner().invoke(app, ["init", str(tmp_path / "моя ячейка"), "--template", "three-drums"]).output
+    reported = ran("init", tmp_path / "моя ячейка", "--template", "three-drums")
     assert f"{tmp_path / 'моя ячейка' / 'rig.toml'}: три барабана, " in reported
     command = re.search("^дальше: lmeasure (.*)$", reported, re.MULTILINE)
     assert command is not None
-    assert CliRunner().invoke(app, shlex.split(command[1])).exit_code == 0
+    ran(*shlex.split(command[1]))
     assert (tmp_path / "моя ячейка" / "measured.toml").is_file()
 
 
@@ -167,9 +160,7 @@ def test_from_an_empty_folder_to_a_placed_zone(tmp_path: Path) -> None:
     """The mechanic's way without a file written by hand: init, drums, a simulated campaign, calibrated, zone, place."""
 
     def done(*words: str) -> str:
-        result = CliRunner().invoke(app, [word.replace("@", f"{tmp_path}/") for word in words])
-        assert result.exit_code == 0, result.output
-        return result.output
+        return ran(*([word.replace("@", f"{tmp_path}/") for word in words]))
 
     done("init", "@", "--template", "six-cables")
     done("drum", "@drums.toml", "--rig", "@rig.toml", "--out", "@measured.toml")

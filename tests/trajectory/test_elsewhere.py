@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from in_process import ran, refused
 from made_trajectories import made_campaign
 from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
-from lmeasure.cli.app import app, main
+from lmeasure.cli.app import main
 from lmeasure.core import FileFormatError, FloatArray, LMeasureError, SettingsError, Status
 from lmeasure.io import columns_of
 from lmeasure.io.files import write_toml
@@ -43,12 +43,6 @@ def test_causes_keep_their_ids_in_files(tmp_path: Path, ours: tuple[Trajectory, 
     read = read_trajectory(path).cause
     assert [within(one, "counts.suspected") is not None for one in read[2:11]] == [False, *[True] * 6, False, False]
     assert read.tolist() == cause.tolist()
-
-
-def run(arguments: list[str]) -> int:
-    done = CliRunner().invoke(app, arguments)
-    assert done.exception is None or isinstance(done.exception, SystemExit | LMeasureError), done.exception
-    return 1 if isinstance(done.exception, LMeasureError) else done.exit_code
 
 
 def as_tum(path: Path, found: Trajectory) -> None:
@@ -218,30 +212,30 @@ def test_certificates_of_other_instruments(ours: tuple[Trajectory, dict[str, obj
     table.to_csv(tmp_path / "seen.csv", index=False)
     mapping = ("--columns", "time=t[s],x=X[m][m],y=Y[in],z=Z[mm]")
     common = ("--program", str(tmp_path / "program.toml"), "--trials", "200")
-    assert run(["certify", str(tmp_path / "seen.csv"), *common, *mapping, "--out", str(tmp_path / "bare")]) == 0
+    ran("certify", tmp_path / "seen.csv", *common, *mapping, "--out", tmp_path / "bare")
     bare = json.loads((tmp_path / "bare" / "certificate.json").read_text())
     assert {(c["u95"], c["capable"]) for c in bare["characteristics"]} == {(None, None)}
     assert bare["measurement"]["columns"] == mapping[1]
     assert (tmp_path / "bare" / "inputs" / "trajectory.csv").read_bytes() == (tmp_path / "seen.csv").read_bytes()
     assert "no verdict" in (tmp_path / "bare" / "report.html").read_text()
-    assert run(["verify", str(tmp_path / "bare")]) == 0
-    assert run(["certify", str(tmp_path / "seen.csv"), *common, *mapping, *U[:2], "--out", str(tmp_path / "determined")]) == 0
+    ran("verify", tmp_path / "bare")
+    ran("certify", tmp_path / "seen.csv", *common, *mapping, *U[:2], "--out", tmp_path / "determined")
     determined = {c["name"]: c for c in json.loads((tmp_path / "determined" / "certificate.json").read_text())["characteristics"]}
     assert determined["AP_p"]["value"] == pytest.approx(np.linalg.norm([0.2, -0.1, 0.3]), abs=0.02)
     assert determined["AP_p"]["capable"]
-    assert run(["verify", str(tmp_path / "determined")]) == 0
-    assert run(["compare", str(tmp_path / "bare"), str(tmp_path / "determined")]) == 1
+    ran("verify", tmp_path / "determined")
+    refused("compare", tmp_path / "bare", tmp_path / "determined")
 
 
 def test_motion_of_places_alone(tmp_path: Path) -> None:
     time_s = np.arange(400) / 100.0
     table = pd.DataFrame({"time_s": time_s, "x_mm": 50.0 * time_s**2, "y_mm": 0.0 * time_s, "z_mm": 5.0})
     table.to_csv(tmp_path / "seen.csv", index=False)
-    assert run(["motion", str(tmp_path / "seen.csv"), "--half-width-s", "0.1", "--out", str(tmp_path / "m.csv")]) == 0
+    ran("motion", tmp_path / "seen.csv", "--half-width-s", "0.1", "--out", tmp_path / "m.csv")
     made = pd.read_csv(tmp_path / "m.csv")
     assert made["speed_mm_s"].to_numpy() == pytest.approx(100.0 * time_s, abs=1e-6)
     assert made[["u_speed_mm_s", "wx_rad_s", "qx"]].isna().all(axis=None)
-    assert run(["motion", str(tmp_path / "seen.csv"), *U[:2], "--half-width-s", "0.1", "--force", "--out", str(tmp_path / "m.csv")]) == 0
+    ran("motion", tmp_path / "seen.csv", *U[:2], "--half-width-s", "0.1", "--force", "--out", tmp_path / "m.csv")
     assert (pd.read_csv(tmp_path / "m.csv")["u_speed_mm_s"] > 0.0).all()
 
 
@@ -335,4 +329,4 @@ def test_the_convention_of_angles_is_that_of_units_and_program(said: Said, tmp_p
     made = json.loads((tmp_path / "o" / "certificate.json").read_text())
     assert {c["name"]: c["value"] for c in made["characteristics"]}["AP_rot"] == pytest.approx(0.0, abs=1e-4)
     assert "orientation read from T3 in rad, T4 in rad, T5 in rad: ur-rotation-vector" in made["notes"]
-    assert run(["verify", str(tmp_path / "o")]) == 0
+    ran("verify", tmp_path / "o")

@@ -10,10 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from campaigns import write_campaign
+from in_process import ran, refused
 from test_truth import AUTHORITY, truth_of
-from typer.testing import CliRunner
 
-from lmeasure.cli.app import app
 from lmeasure.core import TrajectoryError, se3
 from lmeasure.recording import Run, read_run
 from lmeasure.rig import rig_from_dict
@@ -29,8 +28,7 @@ def copied(name: str, tmp_path: Path) -> Path:
 
 def test_six_swivels_and_a_motion_tell_the_start(tmp_path: Path) -> None:
     folder, out = copied("swivel-run", tmp_path), tmp_path / "t.csv"
-    done = CliRunner().invoke(app, ["reconstruct", str(folder), "--out", str(out)])
-    assert done.exit_code == 0, done.output
+    ran("reconstruct", folder, "--out", out)
     found, truth = pd.read_csv(out), truth_of("swivel-run")[:, 1:]
     assert (found.status == "ok").all()
     poses = found[["x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"]].to_numpy()
@@ -80,8 +78,7 @@ def test_every_command_that_takes_a_run_takes_one_without_a_start(tmp_path: Path
         ["report", folder, "--out", tmp_path / "page"],
         ["motion", found, "--out", tmp_path / "motion.csv"],
     ):
-        done = CliRunner().invoke(app, [str(w) for w in words])
-        assert done.exit_code == 0, (words, done.output, done.exception)
+        ran(*words)
     # residuals without what was out nobody knows where: none is larger than some counts
     left = length_residuals(read_run(folder), read_trajectory(found).poses)
     assert 0.001 < np.abs(left).max() < 0.04
@@ -89,17 +86,14 @@ def test_every_command_that_takes_a_run_takes_one_without_a_start(tmp_path: Path
         (["check-instrument", folder, "--out", tmp_path / "c"], "a check needs rests"),
         (["calibrate", folder, "--self", "--out", tmp_path / "k"], "start"),
     ):
-        done = CliRunner().invoke(app, [str(w) for w in words])
-        assert done.exit_code == 1
-        assert why in str(done.exception)
+        assert why in refused(*words)
 
 
 def test_a_certificate_holds_the_start_that_nobody_stated(tmp_path: Path) -> None:
     """Its uncertainty is common to all poses; figures of differences know it."""
     write_campaign(tmp_path, rig=read_run(AUTHORITY / "swivel-run").rig)
     given = ("trajectory.parquet", "--run", "run", "--program", "program.toml", "--out", "certificate", "--trials", "150")
-    done = CliRunner().invoke(app, ["certify", *(w if w.startswith("-") or w == "150" else str(tmp_path / w) for w in given)])
-    assert done.exit_code == 0, (done.output, done.exception)
+    ran("certify", *(w if w.startswith("-") or w == "150" else str(tmp_path / w) for w in given))
     content = json.loads((tmp_path / "certificate" / "certificate.json").read_text())
     assert "origins of the channels" in json.dumps(content)
     assert content["instrument"]["systematic_sha256"] is None
@@ -109,18 +103,13 @@ def test_without_an_absolute_channel_or_with_too_few_it_is_said(tmp_path: Path) 
     folder, out = copied("swivel-run", tmp_path), tmp_path / "t.csv"
     rig = (folder / "rig.toml").read_text()
     (folder / "rig.toml").write_text(rig[: rig.index("[[swivel]]")])
-    done = CliRunner().invoke(app, ["reconstruct", str(folder), "--out", str(out)])
-    assert done.exit_code == 1
-    assert "its channels are not absolute" in str(done.exception)
+    assert "its channels are not absolute" in refused("reconstruct", folder, "--out", out)
     assert not out.exists()
     folder = copied("swivel-three", tmp_path)
     determined = (folder / "run.toml").read_text()
     (folder / "run.toml").write_text(re.sub(r"\[start\]\n(?:\w.*\n)+", "", determined))
-    done = CliRunner().invoke(app, ["reconstruct", str(folder), "--out", str(out)])
-    assert done.exit_code == 1
-    assert "of its absolute channels 3 can be read at once, with 6 channels in all: 6 absolute ones are needed, or one and 7" in str(
-        done.exception
-    )
+    needed = "of its absolute channels 3 can be read at once, with 6 channels in all: 6 absolute ones are needed, or one and 7"
+    assert needed in refused("reconstruct", folder, "--out", out)
     assert not out.exists()
 
 
@@ -169,10 +158,9 @@ def test_a_still_reading_that_fits_several_assemblies_lists_them(tmp_path: Path)
     folder, out = copied("swivel-run", tmp_path), tmp_path / "t.csv"
     counts = (folder / "pass1.csv").read_text().splitlines()
     (folder / "pass1.csv").write_text("\n".join([counts[0], *[f"{0.001 * i:.3f},{counts[1].split(',', 1)[1]}" for i in range(20)]]) + "\n")
-    done = CliRunner().invoke(app, ["reconstruct", str(folder), "--out", str(out)])
-    assert done.exit_code == 1
-    assert "assembly modes: " in str(done.exception)
-    assert "(0." in str(done.exception)
+    done = refused("reconstruct", folder, "--out", out)
+    assert "assembly modes: " in done
+    assert "(0." in done
     assert not out.exists()
 
 

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cells import cell
-from typer.testing import CliRunner
+from in_process import ran
 
-from lmeasure.cli.app import app
 from lmeasure.core import FloatArray, Status
 from lmeasure.kernels import JUMPED
 from lmeasure.recording import Counts, Run, read_run, unwrap, write_run
@@ -298,9 +297,7 @@ def test_no_fit_crosses_a_gap(tmp_path: Path) -> None:
         there = ~np.isnan(motion.velocity[:, 3])
         assert there.mean() > 0.95
         np.testing.assert_allclose(motion.velocity[there, 3], np.where(t < 2.1, 100.0, -100.0)[there], atol=1e-6)
-    done = CliRunner().invoke(app, ["motion", str(tmp_path / "t.csv"), "--out", str(tmp_path / "m.csv")])
-    assert done.exit_code == 0, done.output
-    assert "1 gaps in the samples, the longest 0.2" in done.output
+    assert "1 gaps in the samples, the longest 0.2" in ran("motion", tmp_path / "t.csv", "--out", tmp_path / "m.csv")
 
 
 def run_with(stamps: FloatArray, t: FloatArray) -> Run:
@@ -332,15 +329,10 @@ def test_the_commands_say_it(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     t = instants(1600)
     write_run(tmp_path / "run", run_with(in_order(t + rng.uniform(0.0, 0.01, len(t))), t))
-    call = CliRunner().invoke
     out, motion = tmp_path / "t.csv", tmp_path / "m.csv"
-    done = call(app, ["reconstruct", str(tmp_path / "run"), "--out", str(out)])
-    assert done.exit_code == 0, done.output
-    assert "time stamps are irregular" in done.output
+    assert "time stamps are irregular" in ran("reconstruct", tmp_path / "run", "--out", out)
     recorded = read_trajectory(out).time_s
-    done = call(app, ["motion", str(out), "--out", str(motion)])
-    assert done.exit_code == 0, done.output
-    assert "the motion fits samples at even times, every 5.00" in done.output.replace("4.99", "5.00")
+    assert "the motion fits samples at even times, every 5.00" in ran("motion", out, "--out", motion).replace("4.99", "5.00")
     header, *rows = motion.read_text().splitlines()
     table = {
         name: np.array(column) for name, column in zip(header.split(","), zip(*(r.split(",") for r in rows), strict=True), strict=True)

@@ -7,10 +7,9 @@ import pytest
 from bench import served
 from browser import LOOK, Page, opened
 from clicks import ENDED, HERE, entered, fill, press, visit
+from in_process import ran
 from journeys import QUICK, plugged, tap
-from typer.testing import CliRunner
 
-from lmeasure.cli.app import app
 from lmeasure.recording import read_counts, read_run_head
 from lmeasure.rig import write_rig
 from lmeasure.simulation import cell_rig
@@ -80,8 +79,7 @@ def test_one_job_is_not_begun_twice(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_exchanged_plugs_are_found_and_mended_by_one_click(tmp_path: Path) -> None:
     """Exactly two cables are red; then none is."""
-    made = CliRunner().invoke(app, ["init", str(tmp_path), "--template", QUICK.template])
-    assert made.exit_code == 0, made.output
+    ran("init", tmp_path, "--template", QUICK.template)
     with served(tmp_path) as address, opened(address) as page:
         plugged(page, lambda what, shown: None, QUICK)
         assert page.errors == []
