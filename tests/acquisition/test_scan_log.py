@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from in_process import ran, refused
 from rigged_feed import cell, frames_of, motion
 
 from lmeasure.acquisition import import_logs, scan_log
 from lmeasure.acquisition.bus.frames import Frames, join
 from lmeasure.acquisition.recorder import candump_lines
-from lmeasure.cli.app import main
 from lmeasure.core import FileFormatError
 from lmeasure.io import read_toml
 from lmeasure.io.files import write_toml
@@ -154,20 +154,9 @@ def test_a_log_in_which_nothing_moved_says_so(tmp_path: Path) -> None:
         scan_log(tmp_path / "none.log")
 
 
-def command(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
-    monkeypatch.setattr("sys.argv", ["lmeasure", "import", *words])
-    with pytest.raises(SystemExit) as stopped:
-        main()
-    return int(stopped.value.code or 0)
-
-
-def test_the_command_scans_without_a_rig_and_asks_for_one_otherwise(
-    log: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert command(monkeypatch, str(log), "--scan") == 0
-    assert 'decoder = "raw"' in capsys.readouterr().out
-    assert command(monkeypatch, str(log)) == 2
-    assert "--scan` lists what the log holds" in " ".join(capsys.readouterr().err.replace("│", " ").split())
+def test_the_command_scans_without_a_rig_and_asks_for_one_otherwise(log: Path) -> None:
+    assert 'decoder = "raw"' in ran("import", log, "--scan")
+    assert "--scan` lists what the log holds" in " ".join(refused("import", log, code=2).replace("│", " ").split())
 
 
 @pytest.mark.parametrize(
@@ -179,23 +168,18 @@ def test_the_command_scans_without_a_rig_and_asks_for_one_otherwise(
         (["--start", "0,0,0,0,-90"], "'0,0,0,0,-90' is 5 numbers; wanted are x,y,z in mm and three angles"),
     ],
 )
-def test_half_a_start_pose_is_asked_for_by_name(
-    words: list[str], reported: str, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_half_a_start_pose_is_asked_for_by_name(words: list[str], reported: str, log: Path, tmp_path: Path) -> None:
     write_rig(tmp_path / "rig.toml", placed())
-    code = command(monkeypatch, str(log), "--rig", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "run"), *words)
-    assert code == 2
-    assert reported in " ".join(capsys.readouterr().err.replace("│", " ").split())
+    said = refused("import", log, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run", *words, code=2)
+    assert reported in " ".join(said.replace("│", " ").split())
     assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(("angles", "typed"), [("puma-oat", "0,-90,90"), ("kuka-abc", "0,0,0"), ("ur-rotation-vector", "0,0,0")])
-def test_a_start_is_typed_in_the_rigs_own_angles(
-    angles: str, typed: str, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_start_is_typed_in_the_rigs_own_angles(angles: str, typed: str, log: Path, tmp_path: Path) -> None:
     write_toml(tmp_path / "rig.toml", placed().to_dict() | {"angles": angles})
     words = [str(log), "--rig", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "run"), "--start", f"1.5,-2,3,{typed}"]
-    assert command(monkeypatch, *words) == 0
+    ran("import", *words)
     run = read_run(tmp_path / "run")
     assert run.start is not None
     np.testing.assert_allclose(run.start, [1.5, -2.0, 3.0, 0.0, 0.0, 0.0, 1.0], atol=1e-12)

@@ -1,16 +1,15 @@
 """`lmeasure identify` from a file: what it writes, that it can be read again, and how it refuses."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from in_process import ran, refused
 from numpy.typing import NDArray
 from recordings import scalars
 from scipy.spatial.transform import Rotation
 
-from lmeasure.cli.app import main
 from lmeasure.io.tables import read_table
 from lmeasure.robots import read_robot, read_urdf
 
@@ -29,21 +28,13 @@ def lines(rows: slice, *, places: bool) -> str:
     return "\n".join(out) + "\n"
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["lmeasure", *arguments])
-    with pytest.raises(SystemExit) as end:
-        main()
-    return int(end.value.code or 0)
-
-
-def test_what_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_written(tmp_path: Path) -> None:
     measured, asked, out = tmp_path / "measurements.csv", tmp_path / "asked.csv", tmp_path / "out"
     measured.write_text(lines(slice(0, 1000, 10), places=True), encoding="utf-8")
     asked.write_text(lines(slice(5, 1000, 50), places=False), encoding="utf-8")
     arguments = ["identify", "--robot", "ur5", "--measurements", str(measured), "--out", str(out), "--predict", str(asked), "--harmonics"]
     arguments += ["--rerun", str(tmp_path / "robot.rrd")]
-    assert run(monkeypatch, *arguments) == 0
-    said = capsys.readouterr().out
+    said = ran(*arguments)
     assert "100 rows; mean error" in said
     record = json.loads((out / "identified.json").read_text(encoding="utf-8"))
     n = len(record["parameters"])
@@ -101,34 +92,26 @@ def truth_of_asked() -> NDArray[np.float64]:
         (["--robot", "ur5", "--predict", "none.csv"], 1, "none.csv: cannot be read"),
     ],
 )
-def test_refusals_in_one_line(
-    arguments: list[str], code: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_refusals_in_one_line(arguments: list[str], code: int, said: str, tmp_path: Path) -> None:
     measured = tmp_path / "measurements.csv"
     measured.write_text(lines(slice(0, 1000, 40), places=True), encoding="utf-8")
-    assert run(monkeypatch, "identify", "--measurements", str(measured), "--out", str(tmp_path / "out"), *arguments) == code
-    err = capsys.readouterr().err
-    assert said in err
+    assert said in refused("identify", "--measurements", measured, "--out", tmp_path / "out", *arguments, code=code)
     assert not (tmp_path / "out" / "identified.json").exists()
 
 
-def test_measurements_of_another_robot_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_measurements_of_another_robot_are_refused(tmp_path: Path) -> None:
     measured = tmp_path / "measurements.csv"
     measured.write_text(lines(slice(0, 1000, 25), places=True), encoding="utf-8")
-    assert run(monkeypatch, "identify", "--measurements", str(measured), "--out", str(tmp_path / "out"), "--robot", "puma560") == 1
-    err = capsys.readouterr().err
+    err = refused("identify", "--measurements", measured, "--out", tmp_path / "out", "--robot", "puma560")
     assert "measurements.csv: robot 'puma560': the identified robot still misses the measurements by" in err
     assert len(err.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
 
 
-def test_few_rows_tell_no_noise(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_few_rows_tell_no_noise(tmp_path: Path) -> None:
     measured, out = tmp_path / "measurements.csv", tmp_path / "out"
     measured.write_text(lines(slice(0, 1000, 200), places=True), encoding="utf-8")
-    assert run(monkeypatch, "identify", "--measurements", str(measured), "--out", str(out), "--robot", "ur5") == 0
-    said = capsys.readouterr().out
+    said = ran("identify", "--measurements", measured, "--out", out, "--robot", "ur5")
     assert "robot and instrument: cannot be determined" in said
     assert "cross-validation: none, too few rows" in said
     assert "warning underdetermined" in said

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from in_process import ran, refused
 from scipy.spatial.transform import Rotation
 
-from lmeasure.cli.app import main
 from lmeasure.core import FloatArray, RobotError, se3
 from lmeasure.estimation import biweights, normal_deviates, scatter, trust
 from lmeasure.robots import Identified, Measurements, Settings, identify, predict
@@ -126,7 +126,7 @@ def test_too_few_rows_are_refused() -> None:
         identify(shipped("generic6").model, replace(rows, position=rows.position + wild), WEIGHED)
 
 
-def test_by_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_by_command(tmp_path: Path) -> None:
     _, rows, _ = places(3, 5.0)
     names = ",".join(f"joint_{i}_deg" for i in range(1, 7))
     lines = [",".join(map(repr, r)) for r in np.column_stack([np.degrees(rows.joints), rows.position]).tolist()]
@@ -134,16 +134,10 @@ def test_by_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypa
     path.write_text("\n".join([f"name,{names},x_mm,y_mm,z_mm", *(f"P{i},{line}" for i, line in enumerate(lines, 1))]), encoding="utf-8")
     arguments = ["--robot", "generic6", "--measurements", str(path), "--out", str(tmp_path / "out"), "--free", "links"]
 
-    def run(*more: str) -> int:
-        monkeypatch.setattr("sys.argv", ["lmeasure", "identify", *arguments, *more])
-        with pytest.raises(SystemExit) as end:
-            main()
-        return int(end.value.code or 0)
-
-    assert run("--weights", "biweight", "--keep-outliers") == 2
-    assert "with --weights biweight every row has the weight that the others leave it" in capsys.readouterr().err
-    assert run("--weights", "biweight", "--language", "ru") == 0
-    said = capsys.readouterr().out
+    assert "with --weights biweight every row has the weight that the others leave it" in refused(
+        "identify", *arguments, "--weights", "biweight", "--keep-outliers", code=2
+    )
+    said = ran("identify", *arguments, "--weights", "biweight", "--language", "ru")
     assert "weights by Tukey's biweight, equal to 4" in said
     assert "warning down-weighted: " in said
     record = json.loads((tmp_path / "out" / "identified.json").read_text(encoding="utf-8"))

@@ -1,16 +1,15 @@
 """Readings of one stay: the robot errs once for all of them; and predictions far from the measured joint values."""
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from in_process import ran
 from scipy.spatial.transform import Rotation
 
-from lmeasure.cli.app import main
 from lmeasure.core import FloatArray, se3
 from lmeasure.io.tables import read_table
 from lmeasure.robots import Identified, Measurements, beyond, held_out, identify, identify_with_choice, predict, read_identified
@@ -21,13 +20,6 @@ CASE = Path(__file__).parents[1] / "authorities" / "repeated-readings"
 UR5 = Path(__file__).parents[2] / "datasets" / "ur5" / "grid.csv"
 NAMES = [f"joint_{i}_deg" for i in range(1, 7)]
 SEATS = np.array([[40.0, -25.0, 110.0], [-90.0, 30.0, 60.0], [20.0, 80.0, 140.0]])
-
-
-def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["lmeasure", *arguments])
-    with pytest.raises(SystemExit) as end:
-        main()
-    return int(end.value.code or 0)
 
 
 def read(rng: np.random.Generator, stays: int, times: int, u_mm: float = 0.003, **more: Any) -> Measurements:
@@ -41,13 +33,13 @@ def read(rng: np.random.Generator, stays: int, times: int, u_mm: float = 0.003, 
     return measured(np.repeat(joints, len(each), axis=0), places, target=[f"T{k}" for k in np.tile(each, stays)], **more)
 
 
-def test_ten_readings_say_what_their_means_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    found = {}
+def test_ten_readings_say_what_their_means_say(tmp_path: Path) -> None:
+    found, said = {}, {}
     truth = read_table(CASE / "unseen.csv").matrix(["x_mm", "y_mm", "z_mm"])
     for name in ("ten_readings", "means"):
         out = tmp_path / name
         arguments = ["--measurements", str(CASE / f"{name}.csv"), "--out", str(out), "--predict", str(CASE / "unseen.csv")]
-        assert run(monkeypatch, "identify", "--robot", "ur5", *arguments) == 0
+        said[name] = ran("identify", "--robot", "ur5", *arguments)
         determined = read_table(out / "predictions.csv")
         error = np.linalg.norm(determined.matrix(["x_mm", "y_mm", "z_mm"]) - truth, axis=1)
         assert error.mean() == pytest.approx(0.20, abs=0.01)
@@ -57,7 +49,7 @@ def test_ten_readings_say_what_their_means_say(tmp_path: Path, monkeypatch: pyte
         assert found[name]["stays"] == 40
         assert found[name]["held_out"]["mean_mm"] == pytest.approx(0.18, abs=0.01)
     one, other = found["ten_readings"], found["means"]
-    assert "400 rows at 40 stays; mean error" in capsys.readouterr().out
+    assert "400 rows at 40 stays; mean error" in said["ten_readings"]
     assert one["noise"]["reading_mm"] == pytest.approx(0.002, rel=0.05)
     assert [p["u"] for p in one["parameters"]] == pytest.approx([p["u"] for p in other["parameters"]], rel=0.02)
     assert one["freedom"] == pytest.approx(other["freedom"], rel=0.02)
@@ -169,7 +161,7 @@ def test_a_robot_of_which_the_model_lacks_nothing_is_not_widened() -> None:
     assert found.beyond.factor == 0.0
 
 
-def test_a_joint_that_never_moved_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_joint_that_never_moved_is_named(tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     arm, tables = shipped("ur5").model, {}
     for name, count in (("measured", 60), ("asked", 8)):
@@ -184,8 +176,7 @@ def test_a_joint_that_never_moved_is_named(tmp_path: Path, monkeypatch: pytest.M
         tables[name].write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
     out = tmp_path / "out"
     files = ["--measurements", str(tables["measured"]), "--predict", str(tables["asked"]), "--out", str(out)]
-    assert run(monkeypatch, "identify", "--robot", "ur5", *files) == 0
-    said = capsys.readouterr().out
+    said = ran("identify", "--robot", "ur5", *files)
     assert "warning joint-unmoved: joint_4 was at 28.6479 deg in all measurements" in said
     determined = read_table(out / "predictions.csv")
     most = f"{determined.numbers('u95_mm').max():.3g}"

@@ -11,9 +11,9 @@ import pyarrow.parquet
 import pytest
 import tomli_w
 from cells import cell, motion, record
+from in_process import ran, refused
 from scipy.spatial.transform import Rotation
 
-from lmeasure.cli.app import main
 from lmeasure.core import rotation_from_angles
 from lmeasure.recording import write_run
 from lmeasure.trajectory import read_trajectory
@@ -31,16 +31,9 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "run"
 
 
-def command(monkeypatch: pytest.MonkeyPatch, *arguments: str | Path) -> int:
-    monkeypatch.setattr("sys.argv", ["lmeasure", *map(str, arguments)])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    return int(stop.value.code or 0)
-
-
-def test_parquet_and_csv_hold_the_same_to_the_last_bit(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parquet_and_csv_hold_the_same_to_the_last_bit(folder: Path, tmp_path: Path) -> None:
     for name in ("a.parquet", "a.csv"):
-        assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / name) == 0
+        ran("reconstruct", folder, "--out", tmp_path / name)
     parquet, csv = pd.read_parquet(tmp_path / "a.parquet"), pd.read_csv(tmp_path / "a.csv", keep_default_na=True)
     assert list(parquet.columns)[: len(COLUMNS)] == COLUMNS
     assert list(csv.columns)[: len(COLUMNS)] == COLUMNS
@@ -57,11 +50,8 @@ def test_parquet_and_csv_hold_the_same_to_the_last_bit(folder: Path, tmp_path: P
     np.testing.assert_array_equal(a.u, b.u)
 
 
-def test_the_output_says_what_its_uncertainty_covers(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "a.parquet") == 0
-    assert "the rig has no linked calibration" in capsys.readouterr().out
+def test_the_output_says_what_its_uncertainty_covers(folder: Path, tmp_path: Path) -> None:
+    assert "the rig has no linked calibration" in ran("reconstruct", folder, "--out", tmp_path / "a.parquet")
     metadata = pyarrow.parquet.read_schema(tmp_path / "a.parquet").metadata
     assert b"the rig has no linked calibration" in metadata[b"uncertainty_covers"]
 
@@ -111,21 +101,17 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
 
 
 @pytest.mark.parametrize("what", list(BROKEN))
-def test_a_broken_run_is_one_line_and_no_file(
-    what: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_broken_run_is_one_line_and_no_file(what: str, folder: Path, tmp_path: Path) -> None:
     spoil, hint = BROKEN[what]
     spoil(folder)
     out = tmp_path / "out" / "trajectory.parquet"
-    assert command(monkeypatch, "reconstruct", folder, "--out", out) == 1
-    shown = capsys.readouterr()
-    assert len(shown.err.strip().splitlines()) == 1, shown.err
-    assert hint in shown.err
+    (line,) = refused("reconstruct", folder, "--out", out).splitlines()
+    assert hint in line
     assert not out.parent.exists() or not list(out.parent.iterdir())
 
 
-def test_angles_of_the_rigs_convention_are_added_on_request(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "a.csv", "--angles") == 0
+def test_angles_of_the_rigs_convention_are_added_on_request(folder: Path, tmp_path: Path) -> None:
+    ran("reconstruct", folder, "--out", tmp_path / "a.csv", "--angles")
     table = pd.read_csv(tmp_path / "a.csv")
     assert list(table.columns)[-3:] == ["o_deg", "a_deg", "t_deg"]
     known = table["status"] == "ok"
@@ -134,9 +120,9 @@ def test_angles_of_the_rigs_convention_are_added_on_request(folder: Path, tmp_pa
     assert table.loc[~known, "o_deg"].isna().all()
 
 
-def test_tum_holds_the_known_poses_in_metres(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "a.tum") == 0
-    assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "a.parquet") == 0
+def test_tum_holds_the_known_poses_in_metres(folder: Path, tmp_path: Path) -> None:
+    ran("reconstruct", folder, "--out", tmp_path / "a.tum")
+    ran("reconstruct", folder, "--out", tmp_path / "a.parquet")
     tum = np.loadtxt(tmp_path / "a.tum")
     table = pd.read_parquet(tmp_path / "a.parquet")
     table = table[table["status"] == "ok"]
@@ -145,12 +131,11 @@ def test_tum_holds_the_known_poses_in_metres(folder: Path, tmp_path: Path, monke
     np.testing.assert_array_equal(tum[:, 4:], table[["qx", "qy", "qz", "qw"]])
 
 
-def test_monte_carlo_by_command(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_monte_carlo_by_command(folder: Path, tmp_path: Path) -> None:
     monte_carlo = ["--uncertainty", "monte-carlo", "--trials", "300"]
-    assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "a.parquet", *monte_carlo) == 0
-    assert "by Monte Carlo with 300 trials (JCGM 101)" in capsys.readouterr().out
-    assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "b.parquet") == 0
+    assert "by Monte Carlo with 300 trials (JCGM 101)" in ran("reconstruct", folder, "--out", tmp_path / "a.parquet", *monte_carlo)
+    ran("reconstruct", folder, "--out", tmp_path / "b.parquet")
     a, b = read_trajectory(tmp_path / "a.parquet"), read_trajectory(tmp_path / "b.parquet")
     np.testing.assert_array_equal(a.poses, b.poses)
     np.testing.assert_allclose(a.u, b.u, rtol=0.25)
-    assert command(monkeypatch, "reconstruct", folder, "--out", tmp_path / "a.parquet", "--uncertainty", "guess") == 2
+    refused("reconstruct", folder, "--out", tmp_path / "a.parquet", "--uncertainty", "guess", code=2)
