@@ -1,6 +1,8 @@
 """`--json` of every command, as somebody would read it who writes a script around it: one document, numbers with their unit in the name,
 and every file that was written."""
 
+import ast
+import inspect
 import json
 import os
 import re
@@ -22,7 +24,7 @@ from lmeasure.acquisition import counter_fields
 from lmeasure.acquisition.bus.feed import frames_from_counts
 from lmeasure.acquisition.recorder import candump_lines
 from lmeasure.recording import read_run, write_run
-from lmeasure.workflows import COMMANDS
+from lmeasure.workflows import COMMANDS, load
 
 HERE = Path(__file__).parents[1]
 TRUTH = HERE / "authorities" / "truth"
@@ -45,6 +47,9 @@ QUICK = (
     "inspect drive.log --out log.html",
     "frames --robot plan/planned.csv --measured plan/planned.csv --out frames.json",
     "register kept --add sealed --export all.csv",
+    "reconstruct run --out t.parquet --rerun t.rrd",
+    "motion t.parquet --out m.csv",
+    "simulate cell/scenario.toml --out simulated",
     "dyads plan/planned.csv --links 1 --starts 5 --out links",
     "capture plan/rig.toml --poses plan/planned.csv --bus replay:plan/drive.log --fast --by rest --out campaign",
 )
@@ -54,9 +59,7 @@ SLOW = (
     f"watch {DEVICE}",
     "check --rig run/rig.toml --bus replay:drive.log",
     "play run/rig.toml --bus udp_multicast:239.74.211.9",
-    "reconstruct run --out t.parquet --rerun t.rrd",
     "batch reconstruct run --out fleet",
-    "motion t.parquet --out m.csv",
     "report t.parquet --out page",
     "calibrate poses --out calibrated",
     f"zone calibrated/rig.toml {GRID} --out zone.nc --report zone --rerun zone.rrd",
@@ -68,7 +71,6 @@ SLOW = (
     "check-instrument stops --out checked",
     "identify --robot ur5 --measurements ur5/rows.csv --out identified",
     "correct arm/pick.csv --identified arm/robot --out corrected --most-mm 2",
-    "simulate cell/scenario.toml --out simulated",
     "place cell/rig.toml --task cell/placement.toml --out placed --generations 2",
     "demo --out demonstrated",
     "qualify --out qualified",
@@ -76,6 +78,8 @@ SLOW = (
 )
 SERVING = {"docs", "view", "workbench"}
 """They answer for as long as they are asked: of them errors alone are read."""
+WITHOUT = {"docs", "key", "schema", "view", "workbench"}
+"""Give a file, a text, a picture or a page, and no figure."""
 UNIT = re.compile(r"_(mm3?|m3|mm_s|deg|rad|s|counts)$")
 COUNTED = [
     "adapters", "added", "apart", "assumed", "cables", "capable", "certificates", "characteristics", "checks", "compared",
@@ -154,6 +158,21 @@ def test_what_the_others_answer(desk: Path) -> None:
     pages.PAGES["correction"](desk / "arm", "en")
     codes = {line: held(line, desk, lambda words: answer_apart(words, desk))["exit_code"] for line in SLOW}
     assert {line: code for line, code in codes.items() if code} == {SLOW[2]: 130, "verify sealed": 3}
+
+
+def test_every_workflow_that_finds_something_gives_figures() -> None:
+    """Each `Result` of a workflow is given figures, but of those that find none, and lists of what there is."""
+    for name in COMMANDS:
+        work = inspect.unwrap(load(name).run)
+        tree = ast.parse(inspect.getsource(work))
+        calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == "Result"]
+        if name in WITHOUT:
+            assert all(len(call.args) < 3 for call in calls)
+            continue
+        for call in calls:
+            given = len(call.args) >= 3 or any(k.arg == "figures" for k in call.keywords)
+            assert given or "TEMPLATES" in ast.unparse(call), f"{name}: no figures"
+    assert set(COMMANDS) >= WITHOUT
 
 
 def test_every_command_is_asked() -> None:

@@ -12,7 +12,6 @@ from lmeasure.workflows import COMMANDS, Writing, fields_of, flag_of, load, said
 
 RANGES = {"START:STOP:STEP", "START:STOP[:STEP]", "MIN:MAX", "X0:X1,Y0:Y1,Z0:Z1", "INTERFACE:CHANNEL", "tcp://HOST:PORT"}
 """Forms of values with a colon."""
-FOLDERS = {"DIR", "RUN", "FOLDER"}
 
 
 @pytest.mark.parametrize("name", COMMANDS)
