@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 from collections.abc import Generator, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -37,6 +38,16 @@ def fewer_draws(request: pytest.FixtureRequest) -> Iterator[None]:
             patch.setattr(confidence_regions, "DRAWS", 512)
             patch.setattr(confidence_regions, "JOINT_DRAWS", 256)
         yield
+
+
+@pytest.fixture(scope="session")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with inputs of every command. Tests write into other folders within it, and leave these as they are."""
+    from desk import set_up
+
+    here = tmp_path_factory.mktemp("desk")
+    set_up(here)
+    return here
 
 
 @pytest.hookimpl(wrapper=True)

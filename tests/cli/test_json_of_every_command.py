@@ -17,13 +17,9 @@ import numpy as np
 import pages
 import pytest
 import test_interim as interim
-from capture_bench import POSES, RIG, going, nominal_of, write_inputs
 from test_json_and_words import KEYS, called
 
-from lmeasure.acquisition import counter_fields
-from lmeasure.acquisition.bus.feed import frames_from_counts
-from lmeasure.acquisition.recorder import candump_lines
-from lmeasure.recording import read_run, write_run
+from lmeasure.recording import write_run
 from lmeasure.workflows import COMMANDS, load
 
 HERE = Path(__file__).parents[1]
@@ -80,7 +76,7 @@ SERVING = {"docs", "view", "workbench"}
 """They answer for as long as they are asked: of them errors alone are read."""
 WITHOUT = {"docs", "key", "schema", "view", "workbench"}
 """Give a file, a text, a picture or a page, and no figure."""
-UNIT = re.compile(r"_(mm3?|m3|mm_s|deg|rad|s|counts)$")
+UNIT = re.compile(r"_(mm3?|m3|mm_s|deg|rad|s|hz|counts)$")
 COUNTED = [
     "adapters", "added", "apart", "assumed", "cables", "capable", "certificates", "characteristics", "checks", "compared",
     "complex_assemblies", "corrected", "counters", "counter_like", "determinant", "differences", "directions_determined", "done", "entries",
@@ -91,22 +87,6 @@ COUNTED = [
     "reference_poses", "results", "rigs_tried", "samples", "unchanged", "unknowns", "unread", "with_a_pose",
 ]  # fmt: skip
 RATIOS = ["largest_e_n", "largest_relative_difference", "nearness", "positions_inside_95", "rotations_inside_95", "usable_part"]
-
-
-@pytest.fixture(scope="module")
-def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    here = tmp_path_factory.mktemp("desk")
-    shutil.copytree(SEALED, here / "sealed")
-    shutil.copytree(TRUTH / "cell-run", here / "run")
-    run = read_run(TRUTH / "cell-run")
-    frames = frames_from_counts(run.passes[0].time_s[:50], run.passes[0].recorded[:50], counter_fields(run.rig), run.rig.can_table.sync_id)
-    (here / "drive.log").write_bytes(candump_lines(frames))
-    (here / "plan").mkdir()
-    write_inputs(here / "plan", nominal_of(RIG), POSES)
-    counts = going(POSES[:1], 1.0)
-    standing = frames_from_counts(counts.time_s, counts.recorded, counter_fields(RIG), RIG.can_table.sync_id)
-    (here / "plan" / "drive.log").write_bytes(candump_lines(standing))
-    return here
 
 
 def answer_apart(words: list[object], desk: Path) -> tuple[int, dict[str, Any]]:

@@ -5,19 +5,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from desk import RECORDINGS, SHORT, set_up
+from desk import RECORDINGS, SHORT
 from kills import content, ended, looked_at, made, torn, watched
 
 from lmeasure.certificate import new_folder
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="not every other system brings folders to the disk")
-
-
-@pytest.fixture(scope="module")
-def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    here = tmp_path_factory.mktemp("desk")
-    set_up(here)
-    return here
 
 
 @pytest.mark.parametrize("name", ["schema", "key", "frames", "import"])

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from capture_bench import POSES, RIG, nominal_of, write_inputs
-from desk import LONG, RECORDINGS, SEALED, SHORT, set_up
+from desk import LONG, RECORDINGS, SEALED, SHORT
 
 from lmeasure.certificate import opened_zip, write_zip
 from lmeasure.core import LMeasureError
@@ -26,13 +26,6 @@ NAMES = (
 )  # fmt: skip
 EVERY = SHORT | LONG | RECORDINGS
 LINES = (*(EVERY[name] for name in NAMES), "reconstruct run --out OUT/t.csv", "reconstruct run --out t.parquet --rerun OUT/t.rrd")
-
-
-@pytest.fixture(scope="module")
-def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    here = tmp_path_factory.mktemp("desk")
-    set_up(here)
-    return here
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits and rights of a process there")

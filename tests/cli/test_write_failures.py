@@ -3,17 +3,10 @@
 from pathlib import Path
 
 import pytest
-from desk import SHORT, set_up
+from desk import SHORT
 from failing_files import Call, available, failing, run
 
 pytestmark = pytest.mark.skipif(not available(), reason="this kernel lets no other process answer calls")
-
-
-@pytest.fixture(scope="module")
-def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    here = tmp_path_factory.mktemp("desk")
-    set_up(here)
-    return here
 
 
 @pytest.mark.parametrize(("name", "answers"), [("key", ("ENOSPC",)), ("schema", ("EIO", "EINTR"))])

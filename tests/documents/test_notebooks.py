@@ -6,9 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any, cast
 
 import nbformat
 import pytest
+from IPython.core.displaypub import CapturingDisplayPublisher
 from IPython.core.interactiveshell import InteractiveShell
 
 ROOT = Path(__file__).parents[2]
@@ -24,12 +26,16 @@ def test_a_notebook_runs_and_shows_something(path: Path, tmp_path: Path, monkeyp
     monkeypatch.chdir(tmp_path / "docs" / "notebooks")
     notebook = nbformat.read(path, as_version=4)
     nbformat.validate(notebook)
-    shell, kinds = InteractiveShell(user_module=ModuleType("notebook")), set()
+    shell: Any = cast("Any", InteractiveShell)(user_module=ModuleType("notebook"))
+    shell.display_pub = cast("Any", CapturingDisplayPublisher)()
+    monkeypatch.setattr(InteractiveShell, "_instance", shell)  # to which a figure shows itself
+    kinds: set[str] = set()
     for cell in notebook.cells:
         if cell.cell_type == "code":
             done = shell.run_cell(cell.source)
             done.raise_error()
             kinds |= set(shell.display_formatter.format(done.result)[0])
+    kinds |= {kind for shown in shell.display_pub.outputs for kind in shown["data"]}
     assert {"text/html", "application/vnd.plotly.v1+json"} <= kinds
 
 

@@ -19,7 +19,6 @@ import pandas as pd
 import pytest
 from cluster import two_workers, worker
 from in_process import refused
-from moto.server import ThreadedMotoServer
 
 import lmeasure.workflows.batch as batch
 from lmeasure.acquisition import counter_fields
@@ -180,6 +179,8 @@ def test_results_go_to_a_place_that_is_no_folder(tmp_path: Path) -> None:
 @pytest.fixture
 def s3(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """An object store on loopback, with a bucket `plant`, as fsspec reaches it."""
+    from moto.server import ThreadedMotoServer  # takes a second, which nobody else need wait
+
     server = ThreadedMotoServer(port=0, verbose=False)
     server.start()
     host, port = server.get_host_and_port()
