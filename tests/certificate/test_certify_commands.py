@@ -9,10 +9,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from campaigns import write_campaign
-from in_process import code_and_text
+from in_process import code_and_text, refused
 
 from lmeasure.certificate import dcc_xml
-from lmeasure.cli.app import main
 from lmeasure.core import LMeasureError
 
 
@@ -178,16 +177,12 @@ def test_conformity_is_told_on_the_screen(campaign: Path, tmp_path: Path) -> Non
     assert sum("U95 small enough; fail (< 0.1 %); ≤ 0.01" in line for line in text.splitlines()) == 4
 
 
-def test_an_interrupted_command_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_interrupted_command_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(_: Path, **__: object) -> str:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("lmeasure.certificate.new_key", interrupted)
-    monkeypatch.setattr("sys.argv", ["lmeasure", "key", "--out", str(tmp_path / "k.pem")])
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 130
-    assert capsys.readouterr().err == "lmeasure: interrupted; nothing was left half-written\n"
+    assert refused("key", "--out", tmp_path / "k.pem", code=130) == "interrupted; nothing was left half-written"
 
 
 def test_a_program_is_written_with_its_commands_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from in_process import ran
 
 from lmeasure.acquisition import counter_fields
 from lmeasure.acquisition.bus.feed import frames_from_counts
 from lmeasure.acquisition.recorder import candump_lines
-from lmeasure.cli.app import main
 from lmeasure.cli.interrupts import heeded, noted
 from lmeasure.core import CancelledError
 from lmeasure.io import write_table
@@ -103,7 +103,7 @@ def whole_job(job: Path) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(job)
         for words in ("init . --template six-cables", "simulate scenario.toml --out run", "calibrate run/calibration --out calibrated"):
-            done(*words.split())
+            ran(*words.split())
         shutil.move("run/calibration", "campaign")
         run = read_run(Path("run"))
         counts = run.passes[0]
@@ -111,14 +111,6 @@ def whole_job(job: Path) -> Path:
             candump_lines(frames_from_counts(counts.time_s, counts.recorded, counter_fields(run.rig), run.rig.can_table.sync_id))
         )
     return job
-
-
-def done(*words: str) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sys.argv", ["lmeasure", *words])
-        with pytest.raises(SystemExit) as end:
-            main()
-    assert not end.value.code, words
 
 
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT is not sent to one process there")

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 from desk import SHORT, set_up
-from in_process import code_and_text
+from in_process import code_and_text, lmeasure, refused
 
 from lmeasure import core
-from lmeasure.cli.app import main
 from lmeasure.cli.progress import state_line
 from lmeasure.text import Lines, message
 
@@ -26,20 +25,11 @@ from lmeasure.text import Lines, message
         ("plan-poses rig.toml --poses 3 --out p.csv --tilt-deg 91", "'--tilt-deg': must be at most 90, is '91'"),
     ],
 )
-def test_a_number_that_cannot_be_taken_is_refused_in_plain_words(
-    words: str, text: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def error(*more: str) -> tuple[str, str]:
-        monkeypatch.setattr("sys.argv", ["lmeasure", *words.split(), *more])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        assert ended.value.code == 2
-        return capsys.readouterr()
-
-    assert f"Invalid value for {text}" in error()[1]
-    assert json.loads(error("--json")[0])["error"] == f"Invalid value for {text}"
+def test_a_number_that_cannot_be_taken_is_refused_in_plain_words(words: str, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert f"Invalid value for {text}" in refused(*words.split(), code=2)
+    assert json.loads(lmeasure(*words.split(), "--json").stdout)["error"] == f"Invalid value for {text}"
     monkeypatch.setenv("LANGUAGE", "ru")
-    assert "Недопустимое значение '--" in error()[1]
+    assert "Недопустимое значение '--" in refused(*words.split(), code=2)
 
 
 def test_lines_between_keys_are_in_the_readers_language(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

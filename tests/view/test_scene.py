@@ -1,29 +1,21 @@
 """Recordings of commands that are about no single run: each figure read back is the one in the command's own file."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from in_process import ran
 from recordings import SINGLE, scalars, stored
 from test_interim import run_of, true_rig
 
 from lmeasure.acquisition import Check
 from lmeasure.acquisition.check.self_test import CableCheck
-from lmeasure.cli.app import main
 from lmeasure.recording import write_run
 from lmeasure.workflows import record
 
 SEALED = Path(__file__).parents[1] / "authorities" / "sealed" / "with-run" / "inputs"
-
-
-def ran(monkeypatch: pytest.MonkeyPatch, *words: object) -> None:
-    monkeypatch.setattr(sys, "argv", ["lmeasure", *map(str, words)])
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 0
 
 
 def bands(path: Path, entity: str, timeline: str) -> np.ndarray:
@@ -56,10 +48,10 @@ def test_a_motion_has_speeds_with_their_uncertainties(tmp_path: Path, monkeypatc
     np.testing.assert_allclose(strip, np.column_stack([0.1 * time_s, 0.0 * time_s, 0.05 + 0.0 * time_s])[known], rtol=SINGLE, atol=1e-9)
 
 
-def test_a_program_shows_its_poses_and_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_shows_its_poses_and_paths(tmp_path: Path) -> None:
     """P1 is the middle of the cube; the square keeps to its plane."""
     box = [word for axis in "xyz" for word in (f"--{axis}", "0:500")]
-    ran(monkeypatch, "program", *box, "--tests", "pose,path", "--out", tmp_path / "program", "--rerun", tmp_path / "p.rrd")
+    ran("program", *box, "--tests", "pose,path", "--out", tmp_path / "program", "--rerun", tmp_path / "p.rrd")
     places = stored(tmp_path / "p.rrd", "/world/commanded/poses", "Points3D:positions")[1][0]
     names = stored(tmp_path / "p.rrd", "/world/commanded/poses", "Points3D:labels")[1][0]
     assert [str(name).partition(" ")[0] for name in names[:5]] == ["P1", "P2", "P3", "P4", "P5"]
@@ -69,9 +61,9 @@ def test_a_program_shows_its_poses_and_paths(tmp_path: Path, monkeypatch: pytest
         assert np.linalg.norm(np.diff(strip, axis=0), axis=1).max() <= 0.010001
 
 
-def test_a_certificate_shows_each_result_with_its_u95(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_certificate_shows_each_result_with_its_u95(tmp_path: Path) -> None:
     words = [SEALED / "trajectory.parquet", "--run", SEALED / "run", "--program", SEALED / "program.toml", "--trials", 100]
-    ran(monkeypatch, "certify", *words, "--out", tmp_path / "certificate", "--rerun", tmp_path / "c.rrd")
+    ran("certify", *words, "--out", tmp_path / "certificate", "--rerun", tmp_path / "c.rrd")
     content = json.loads((tmp_path / "certificate" / "certificate.json").read_text())
     expected = [(c["value"], c["u95"]) for c in content["characteristics"] if c["name"] == "AP_p"]
     values = scalars(tmp_path / "c.rrd", "/AP_mm/AP_p", "row", "Measurements:values")
@@ -81,9 +73,9 @@ def test_a_certificate_shows_each_result_with_its_u95(tmp_path: Path, monkeypatc
     assert stored(tmp_path / "c.rrd", "/world/rig/observation_points", "Points3D:positions")[1]
 
 
-def test_an_intermediate_check_shows_its_closures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_intermediate_check_shows_its_closures(tmp_path: Path) -> None:
     write_run(tmp_path / "run", run_of(true_rig(), 0)[0])
-    ran(monkeypatch, "check-instrument", tmp_path / "run", "--out", tmp_path / "out", "--rerun", tmp_path / "check.rrd")
+    ran("check-instrument", tmp_path / "run", "--out", tmp_path / "out", "--rerun", tmp_path / "check.rrd")
     closures = json.loads((tmp_path / "out" / "check.json").read_text())["closures"]
     for kind in {c["kind"] for c in closures}:
         expected = [c["u95_mm"] for c in closures if c["kind"] == kind]

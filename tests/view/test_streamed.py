@@ -9,9 +9,9 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from hypothesis import given, strategies as st
+from in_process import ran
 from rerun.chunk import RrdReader
 
-from lmeasure.cli.app import main
 from lmeasure.core import FileFormatError
 from lmeasure.io import tables
 from lmeasure.recording import Counts, Run, read_run, read_run_head, write_run
@@ -157,7 +157,7 @@ def test_pieces_are_let_go(tmp_path: Path) -> None:
     assert most <= 2 * 3
 
 
-def test_the_command_streams(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_streams(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_run(tmp_path / "run", spoiled(scheme("six")), suffix=".parquet")
 
     def whole(*_: object) -> Run:
@@ -165,11 +165,7 @@ def test_the_command_streams(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ca
 
     monkeypatch.setattr("lmeasure.recording.run.read_run", whole)
     arguments = ["reconstruct", tmp_path / "run", "--out", tmp_path / "a.parquet", "--rerun", tmp_path / "a.rrd"]
-    monkeypatch.setattr("sys.argv", ["lmeasure", *map(str, arguments)])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert not stop.value.code
-    assert f"{N} samples" in capsys.readouterr().out
+    assert f"{N} samples" in ran(*arguments)
     assert len(cells(tmp_path / "a.rrd")["/position_mm/x_mm", "Measurements:values"]) == N
 
 

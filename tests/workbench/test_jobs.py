@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from bench import client, kill_server, served_apart, token, until
 from capture_bench import motion, on_bus, some_poses, true_rig, write_inputs
+from in_process import ran
 
-from lmeasure.cli.app import main
 from lmeasure.recording import read_counts
 from lmeasure.rig import write_rig
 from lmeasure.workbench import jobs
@@ -28,10 +28,7 @@ def test_a_job_leaves_what_the_command_line_leaves(tmp_path: Path, monkeypatch: 
     by_hand.mkdir()
     by_page.mkdir()
     monkeypatch.chdir(by_hand)
-    monkeypatch.setattr("sys.argv", ["lmeasure", "init", ".", "--template", "six-cables"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert not ended.value.code
+    ran("init", ".", "--template", "six-cables")
     with client(by_page) as asked:
         answer = asked.post("/run/init", data={"_form": "1", "template": "six-cables", "out": "."})
         assert answer.headers["location"] == "/jobs/1"

@@ -12,12 +12,12 @@ import pytest
 from bench import HOST, ORIGIN, PORT, TOKEN, client, served_apart, session, stranger, token, until
 from browser import opened
 from clicks import entered
+from in_process import refused
 from starlette.routing import Route, WebSocketRoute
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from lmeasure import workbench
-from lmeasure.cli.app import main
 from lmeasure.core import SettingsError
 from lmeasure.workbench import forms
 from lmeasure.workbench.guard import Door
@@ -380,10 +380,6 @@ def test_only_the_loopback_interface_listens(project: Path) -> None:
         assert noted.read_text().strip() not in (address, again)
 
 
-def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr("sys.argv", ["lmeasure", "workbench", str(tmp_path / "file"), "--no-browser"])
-    with pytest.raises(SystemExit) as stopped:
-        main()
-    assert stopped.value.code == 2
-    assert "is a file, no folder" in capsys.readouterr().err
+    assert "is a file, no folder" in refused("workbench", tmp_path / "file", "--no-browser", code=2)

@@ -7,20 +7,17 @@ import pytest
 import xarray as xr
 from bench import client
 from browser import opened
+from in_process import ran
 
-from lmeasure.cli.app import main
 from lmeasure.rig import write_rig
 from lmeasure.simulation import cell_rig
 
 GRID = ("--x=-400:400:100", "--y=-400:400:100", "--z=-200:200:100")
 
 
-def zone(monkeypatch: pytest.MonkeyPatch, *words: str) -> xr.Dataset:
+def zone(*words: str) -> xr.Dataset:
     """What the command writes."""
-    monkeypatch.setattr("sys.argv", ["lmeasure", "zone", "rig.toml", *GRID, *words])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert not ended.value.code
+    ran("zone", "rig.toml", *GRID, *words)
     with xr.open_dataset(words[words.index("--out") + 1], engine="h5netcdf") as read:
         return read.load()
 
@@ -28,7 +25,7 @@ def zone(monkeypatch: pytest.MonkeyPatch, *words: str) -> xr.Dataset:
 def test_the_volume_of_the_u95_slider_is_that_of_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     write_rig(tmp_path / "rig.toml", cell_rig(0))
-    zone(monkeypatch, "--out", "zones/zone.nc", "--report", "zones/page")
+    zone("--out", "zones/zone.nc", "--report", "zones/page")
     with client(tmp_path) as asked:
         page = asked.get("/zone").text
         address = re.search(r'src="(/shown/\w+/zones/page/zone.html)#sliders"', page)
@@ -43,7 +40,7 @@ def test_the_volume_of_the_u95_slider_is_that_of_the_command(tmp_path: Path, mon
                 f"(() => {{const e = document.getElementById('u95'); e.value = {place}; e.dispatchEvent(new Event('input'))}})()"
             )
             limit, left = browser.evaluate("['u95-reported', 'left'].map(name => document.getElementById(name).textContent)")
-            reported = zone(monkeypatch, "--out", f"zones/{place}.nc", "--u95-mm", limit.removesuffix("\u00a0mm"))
+            reported = zone("--out", f"zones/{place}.nc", "--u95-mm", limit.removesuffix("\u00a0mm"))
             nodes = int(reported.attrs["nodes_in_zone"])
             assert 0 < nodes < reported["in_zone"].size
             assert f" {nodes} of " in left

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 import tomli_w
+from in_process import refused
 
-from lmeasure.cli.app import main
 from lmeasure.cli.progress import FACES
 from lmeasure.core import CancelledError, OverwriteError
 from lmeasure.rig import write_rig
@@ -88,15 +88,10 @@ def test_what_is_not_its_own_is_not_written_over_by_scripts_either(cell: Path, t
     assert [p.name for p in tmp_path.iterdir()] == ["poses.csv"]
 
 
-def test_a_command_that_is_ended_is_as_by_ctrl_c(
-    cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_command_that_is_ended_is_as_by_ctrl_c(cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(FACES, "reconstruct", lambda workflow, settings: workflow.run(settings, Watch(0)))
-    monkeypatch.setattr("sys.argv", ["lmeasure", "reconstruct", str(cell / "run"), "--out", str(tmp_path / "t.csv")])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 130
-    assert capsys.readouterr().err == "lmeasure: interrupted; nothing was left half-written\n"
+    said = refused("reconstruct", cell / "run", "--out", tmp_path / "t.csv", code=130)
+    assert said == "interrupted; nothing was left half-written"
     assert list(tmp_path.iterdir()) == []
 
 
