@@ -47,7 +47,7 @@ QUICK = (
     "motion t.parquet --out m.csv",
     "simulate cell/scenario.toml --out simulated",
     "dyads plan/planned.csv --links 1 --starts 5 --out links",
-    "capture plan/rig.toml --poses plan/planned.csv --bus replay:plan/drive.log --fast --by rest --out campaign",
+    "capture plan/rig.toml --poses plan/planned.csv --bus replay:plan/drive.log --fast --by rest --out captured",
 )
 """The others need these, or more than a second."""
 SLOW = (

@@ -2,8 +2,6 @@ import csv
 import json
 import math
 import re
-import subprocess
-import sys
 import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from in_process import lmeasure
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
@@ -47,7 +46,7 @@ class Ran:
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     out = tmp_path_factory.mktemp("demo") / "out"
-    done = subprocess.run([sys.executable, "-m", "lmeasure", "demo", "--out", str(out)], capture_output=True, text=True)
+    done = lmeasure("demo", "--out", out)
     assert done.returncode == 0, done.stderr
     mark = json.loads((out / "demo.json").read_text())
     assert mark["finished"] is True
