@@ -25,7 +25,7 @@ NAMES = (
     "frames", "correct", "dyads", "record", "capture",
 )  # fmt: skip
 EVERY = SHORT | LONG | RECORDINGS
-LINES = (*(EVERY[name] for name in NAMES), "reconstruct run --out OUT/t.csv", "reconstruct run --out t.parquet --rerun OUT/t.rrd")
+LINES = (*(EVERY[name] for name in NAMES), "reconstruct run --out OUT/t.csv", "reconstruct run --out again.parquet --rerun OUT/t.rrd")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits and rights of a process there")
