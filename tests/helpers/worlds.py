@@ -190,7 +190,8 @@ def drawn(seed: int, samples: int = 400) -> World:
         late[rng.random(late.shape) < 0.01] = period * rng.uniform(0.3, 0.9)
         if not {"lost", "silent channel"} & set(faults):  # behind the next SYNC, before the frame that answers it
             behind = (late > 0.0) & (rng.random(late.shape) < 0.5)
-            behind[1:] &= ~behind[:-1]
+            behind[1:] |= behind[:-1] & (rng.random(n - 1) < 0.3)[:, None]
+            behind[2:] &= ~(behind[1:-1] & behind[:-2])
             late = np.where(behind, period - 0.5e-4 * np.arange(1.0 + CHANNELS), late)
         late[:, 0] = 0.0
     if happens("no frames", 0.06):

@@ -37,6 +37,8 @@ TICKED = 0.2
 """Part of the SYNCs of a log with the stamp of the one before, from which on it was stamped in ticks: it is judged by MANY_INTERVALS."""
 FIRST_PERIOD_S = 1e-3
 """SYNC period until enough SYNCs have come."""
+IN_A_ROW = 2
+"""Most answers of a channel that come behind the next SYNC one after the other."""
 MISSED = 0.75
 """Frames that come later than so many periods behind a SYNC answer the next one, which is missing."""
 HELD_UP_S = 0.05
@@ -306,12 +308,14 @@ class SyncAssembler:
         ready = min(total if last else max(total - 2, 0), known)
         if ready and not self._decided:
             ready = ready if self._decide(ready, last) else 0
+        if ready:
+            self._without_sync(instants, ready)
+        value, n = tabulate(self._window, self._field, self._value, m, total)
+        ready = ready if last else self._before_late(n, ready)
         if ready == 0:
             if last:
                 self._say(0, last)
             return Samples(np.empty(0), np.empty((0, m)), None if self._start_line is None else np.empty(0))
-        self._without_sync(instants, ready)
-        value, n = tabulate(self._window, self._field, self._value, m, total)
         kept = np.ones(ready, np.bool_)
         many = n.max(axis=0)
         if not (full := bool(n[:, :ready].all() and (self.transmission.n == 1).all())):
@@ -474,6 +478,35 @@ class SyncAssembler:
         if strays.any():
             self._keep(~strays)
 
+    def _before_late(self, n: IntArray, ready: int) -> int:
+        """Return how many of the SYNCs that are ready can be given: not one without an answer, after which answers may be late in a row."""
+        for c, w in np.argwhere((n[:, :ready] == 0) & (self.transmission.n == 1)[:, None]).tolist():
+            following = n[c, w + 1 : n.shape[1] - 1]
+            if len(following) < IN_A_ROW and (following == 1).all():
+                ready = min(ready, w)
+        return ready
+
+    def _late(self, c: int, w: int, n: IntArray, value: IntArray, own: IntArray) -> tuple[int, bool]:
+        """Return the first of the SYNCs up to w, which has two answers, whose answers may have come behind the next SYNC, and whether they
+        did; w if none may have.
+
+        Of several in a row, the first SYNC seems unanswered, and the next ones have the answer of the one before. This is sure if the
+        counts lie much nearer to the line from the last count to that of SYNC w when they are moved.
+        """
+        back = next((k for k in range(1, min(IN_A_ROW, w) + 1) if n[c, w - k] != 1), 0)
+        first, counter = w - back, self.counters[c]
+        if not back or n[c, first] != 0 or (back == 1 and own[0] == own[1]):
+            return w, False
+        there = bool(first) and n[c, first - 1] == 1
+        if back == 1 or len(own) > 2 or self.transmission.n[c] != 1 or not (there or counter.seen):
+            return first, back == 1 and len(own) == 2
+        before, modulus = int(value[c, first - 1]) if there else counter.value, self.fields[c].modulus
+        ways = [int(v) - before for v in (*value[c, first + 1 : w], *own)]
+        way = np.array([(v + modulus // 2) % modulus - modulus // 2 for v in ways], dtype=np.float64)
+        line = way[-1] * np.arange(1.0, back + 2.0) / (back + 1.0)
+        moved, here = np.abs(way - line)[:-1].sum(), np.abs(way[:-1] - line[1:]).sum()
+        return first, bool(here > 3.0 * moved + 2.0 * back)
+
     def _settle(self, w: int, n: IntArray, value: IntArray, ready: int) -> None:
         """Settle a SYNC with several frames of one channel: late ones, early ones, duplicates, conflicts."""
         several = np.flatnonzero(n[:, w] > 1)
@@ -482,12 +515,18 @@ class SyncAssembler:
             mine = np.flatnonzero((self._window == w) & (self._field == c))
             values = self._value[mine]
             channel = self.fields[c].channel
-            late = w > 0 and n[c, w - 1] == 0
-            if len(mine) == 2 and late and values[0] != values[1]:
-                n[c, w - 1], value[c, w - 1] = 1, values[0]
-                n[c, w], value[c, w] = 1, values[1]
-                self._window[mine[0]] = w - 1
-                self._event(w - 1, channel, "reordered", message("event.after_sync"))
+            own = values if len(mine) == 2 else values[np.append(True, values[1:] != values[:-1])]
+            late, sure = self._late(int(c), w, n, value, own) if len(own) > 1 else (w, False)
+            if late < w and not sure:
+                # neither the answers of their own SYNCs for certain, nor those of the SYNCs before
+                n[c, late + 1 : w] = 0
+            if sure:
+                value[c, late : w + 1] = *value[c, late + 1 : w], *own
+                n[c, late : w + 1] = 1
+                moved = np.flatnonzero((self._window > late) & (self._window < w) & (self._field == c))
+                self._window[[*moved, mine[0]]] -= 1
+                for k in range(late, w):
+                    self._event(k, channel, "reordered", message("event.after_sync"))
             elif w >= ready:
                 continue  # what follows is not known yet
             elif len(mine) == 2 and not alone and n[c, w + 1] == 0 and values[0] != values[1]:

@@ -393,15 +393,17 @@ def scanned_batches(path: Path, blocks: Iterable[Bytes], dialect: ScannedLines, 
     for block in blocks:
         parts: list[Frames] = []
         known = np.zeros(len(dialect.kinds), np.int64)
-        pos = 0
+        pos, columns = 0, None
         while pos < len(block):
-            columns = new_columns((len(block) - pos) // USUAL_LINE + 1, width)  # where they are full, the next go on
+            columns = columns or new_columns((len(block) - pos) // USUAL_LINE + 1, width)  # where they are full, the next go on
             count, used, status = dialect.scan(block[pos:], columns, known)
             if count:
                 parts.append(frames_of(columns, count, dialect.names(), path))
             pos += used
             if status == WIDE:
                 width = FD_BYTES
+            if count or status == WIDE:
+                columns = None
             elif status == ODD:
                 stop, following = line_stop(block, pos)
                 line = block[pos:stop].tobytes()
