@@ -29,10 +29,12 @@ def at(sample: int, channel: int = 0) -> int:
     return PER_SAMPLE * sample + channel
 
 
-def moved(first: int, behind: int) -> list[int]:
-    """The frames' order with one of them behind another."""
-    order = [i for i in range(len(FRAMES)) if i != first]
-    order.insert(order.index(behind) + 1, first)
+def moved(*moves: tuple[int, int]) -> list[int]:
+    """The frames' order with one of them behind another, once or several times."""
+    order = list(range(len(FRAMES)))
+    for first, behind in moves:
+        order.remove(first)
+        order.insert(order.index(behind) + 1, first)
     return order
 
 
@@ -58,9 +60,12 @@ CASES: dict[str, tuple[list[int], list[tuple[int, int]], Said]] = {
     "five values": (
         more(*((at(i, 3), at(5, 6)) for i in range(4))), [(5, 3)], [(5, "ch3", "conflict", "180, 120, 90, 60")]
     ),
-    "late": (moved(at(4, 5), at(5, 3)), [], [(4, "ch5", "reordered", "after the next SYNC")]),
-    "late from the first sample": (moved(at(0, 1), at(1)), [], [(0, "ch1", "reordered", "after the next SYNC")]),
-    "early into the last sample": (moved(at(9, 2), at(8, 6)), [], [(9, "ch2", "reordered", "before its SYNC")]),
+    "late": (moved((at(4, 5), at(5, 3))), [], [(4, "ch5", "reordered", "after the next SYNC")]),
+    "late twice in a row": (
+        moved((at(4, 5), at(5, 3)), (at(5, 5), at(6, 3))), [], [(i, "ch5", "reordered", "after the next SYNC") for i in (4, 5)]
+    ),
+    "late from the first sample": (moved((at(0, 1), at(1))), [], [(0, "ch1", "reordered", "after the next SYNC")]),
+    "early into the last sample": (moved((at(9, 2), at(8, 6))), [], [(9, "ch2", "reordered", "before its SYNC")]),
 }  # fmt: skip
 
 
