@@ -9,15 +9,184 @@ steps that the events state for the gaps before it; behind a word of the device,
 benchmarks/results/recordings_study.md.
 """
 
+import re
 import sys
 import tempfile
 from collections import Counter
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from recordings_clock import BEGIN_S, PERIOD_S, SAMPLES, Recording, away, by_candump, held, judged, lost, recorded, stamped
+from numpy.typing import NDArray
 from study import options, show
+
+from lmeasure.acquisition import import_logs
+from lmeasure.rig import Rig, read_rig, rig_from_dict
+
+FloatArray = NDArray[np.float64]
+
+
+RIG = Path(__file__).parent.parent / "tests" / "authorities" / "sixteen-bits-one-late-stamp" / "rig.toml"
+
+
+STATED = re.compile(r"a step below (\d+) units")
+
+
+PERIOD_S, SAMPLES, BEGIN_S = 0.01, 600, 1_700_000_000.0
+
+
+DELAYS_S = 2e-4 * np.arange(1, 7)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Frames in the order of their reception: true instants and stamps [s], identifiers, data; counts (n, 6) at the SYNCs, or at the
+    readings of the first channel; late_s: by how much stamps are late at most."""
+
+    timing: str
+    bits: int
+    true_s: FloatArray
+    stamps_s: FloatArray
+    identifier: list[int]
+    data: list[bytes]
+    counts: FloatArray
+    late_s: float = 0.0
+
+
+def motion(rng: np.random.Generator, speed_mm_s: float) -> Callable[[FloatArray], FloatArray]:
+    """Return counts (n, 6) at times (n,) of cables that swing at up to so many mm/s."""
+    frequency = rng.uniform(0.1, 0.5, (3, 6))
+    phase = rng.uniform(0.0, 2.0 * np.pi, (3, 6))
+    size = speed_mm_s / (2.0 * np.pi * frequency) / 3.0 / 0.012
+
+    def counts(time_s: FloatArray) -> FloatArray:
+        angle = 2.0 * np.pi * frequency * time_s[:, None, None] + phase
+        return np.asarray(np.rint((size * (np.sin(angle) - np.sin(phase))).sum(axis=1)))
+
+    return counts
+
+
+def recorded(
+    rng: np.random.Generator,
+    timing: str = "sync",
+    bits: int = 32,
+    speed_mm_s: float = 1500.0,
+    every: tuple[int, ...] = (1,) * 6,
+    counter: bool = False,
+) -> Recording:
+    """Return a recording without any fault."""
+    law = motion(rng, speed_mm_s)
+    instants: FloatArray = PERIOD_S * np.arange(SAMPLES, dtype=np.float64)
+    true_s, identifier, data = [], [], []
+    latched = law(instants)
+    own = np.stack([law(np.asarray(instants + d))[:, c] for c, d in enumerate(DELAYS_S)], axis=1)
+    for k, at in enumerate(instants):
+        if timing == "sync":
+            true_s.append(at)
+            identifier.append(0x80)
+            data.append(bytes([k % 240 + 1]) if counter else b"")
+        for c in range(6):
+            if k % every[c] == 0:
+                value = int((latched if timing == "sync" else own)[k, c])
+                true_s.append(at + DELAYS_S[c])
+                identifier.append(0x181 + c)
+                data.append((value % 2**bits).to_bytes(bits // 8, "little"))
+    times = np.array(true_s)
+    counts = latched[:: int(np.lcm.reduce(every))] if timing == "sync" else law(np.asarray(instants + DELAYS_S[0]))
+    return Recording(timing, bits, times, BEGIN_S + times, identifier, data, counts)
+
+
+def stamped(one: Recording, stamps_s: FloatArray, late_s: float = 0.0) -> Recording:
+    """Return the recording with other stamps."""
+    return replace(one, stamps_s=stamps_s, late_s=max(one.late_s, late_s))
+
+
+def by_candump(path: Path, one: Recording) -> Path:
+    path = path.with_suffix(".log")
+    rows = zip(one.stamps_s, one.identifier, one.data, strict=True)
+    path.write_text("".join(f"({t:.6f}) can0 {i:03X}#{d.hex().upper()}\n" for t, i, d in rows))
+    return path
+
+
+Law = Callable[[np.random.Generator, Recording], Recording]
+
+
+def away(step_s: float, frames: int, at_s: float = 3.0) -> Law:
+    def law(rng: np.random.Generator, r: Recording) -> Recording:
+        first = int(np.searchsorted(r.true_s, at_s))
+        out = r.stamps_s.copy()
+        out[first : first + frames] += step_s
+        return stamped(r, out)
+
+    return law
+
+
+def held(*holds: tuple[float, float]) -> Law:
+    """A host that gets round to its frames late: from when, and for how long."""
+
+    def law(rng: np.random.Generator, r: Recording) -> Recording:
+        out = r.stamps_s.copy()
+        for begin, length in holds:
+            inside = (r.true_s >= begin) & (r.true_s < begin + length)
+            out[inside] = r.stamps_s[0] + begin + length + 1e-6 * np.arange(inside.sum())
+        return stamped(r, np.maximum.accumulate(out), max(length for _, length in holds))
+
+    return law
+
+
+def lost(r: Recording, keep: NDArray[np.bool_]) -> Recording:
+    rows = np.flatnonzero(keep)
+    return replace(
+        r, true_s=r.true_s[rows], stamps_s=r.stamps_s[rows], identifier=[r.identifier[i] for i in rows], data=[r.data[i] for i in rows]
+    )
+
+
+def rig_of(one: Recording) -> Rig:
+    channels = [{"channel": f"ch{c}", "id": 0x180 + c, "bits": one.bits} for c in range(1, 7)]
+    table = {"decoder": "raw", "timing": one.timing, "channel": channels}
+    return rig_from_dict(read_rig(RIG).to_dict() | {"can": table})
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Samples, cells without a count, counts that are wrong, largest error of a time [ms], kinds of events; cells (n, 6) that are empty,
+    and that differ from the truth whatever the events state; whether the summary states the steps that gaps may hide."""
+
+    samples: int
+    empty: int
+    wrong: int
+    time_ms: float
+    events: dict[str, int]
+    void: NDArray[np.bool_]
+    differs: NDArray[np.bool_]
+    stated: bool
+
+
+def judged(path: Path, one: Recording) -> Outcome:
+    """Import a log and compare each sample with the truth. Samples are found by their counts, or by their times where those are true."""
+    result = import_logs([path], rig_of(one), None)
+    counts, events = result.run.passes[0], dict(result.logs[0].events.tally)
+    n, truth = len(counts.time_s), one.counts
+    instants = PERIOD_S * (SAMPLES // len(truth)) * np.arange(len(truth)) if one.timing == "sync" else PERIOD_S * np.arange(SAMPLES)
+    if n == len(truth):
+        rows = np.arange(n)
+    else:  # frames are missing: what there is lies at its own time
+        rows = np.clip(np.rint((counts.time_s + instants[0]) / (instants[1] - instants[0])).astype(int), 0, len(truth) - 1)
+    off = np.abs(counts.recorded - truth[rows])
+    allowed = 0.5
+    if one.timing == "free":  # others are interpolated between whole counts, and late stamps move them
+        bend = np.abs(np.diff(truth, 2, axis=0)).max() / 2.0  # over two periods at most
+        allowed = 1.5 + float(bend) + float(np.abs(np.diff(truth, axis=0)).max()) / PERIOD_S * 2.0 * one.late_s
+    stated = np.zeros(off.shape)
+    for event in result.logs[0].events.kept:
+        if event.kind == "gap_step" and (found := STATED.search(event.text)):
+            stated[event.sample :, int(event.channel[2:]) - 1] += float(found[1])
+    moved = counts.time_s - (instants[rows] - instants[rows[0]])
+    void, wrong = np.isnan(off), int((off > allowed + stated).sum())
+    said = "gap_step" not in events or "a gap can hide" in result.summary()
+    return Outcome(n, int(void.sum()), wrong, 1e3 * float(np.abs(moved).max()), events, void, off > allowed, said)
+
 
 GAPS = (0, 1, 2, 5, 10, 30, 60)
 """Samples without an answer before a restart."""
