@@ -28,12 +28,16 @@ from .explanations import (
     improbable as improbable,
     settled as settled,
 )
-from .fit_result import Fit as Fit
-from .information import blocks as blocks, estimated_covariance as estimated_covariance, parameter_information as parameter_information
 from .least_squares import fit as fit, fit_from_starts as fit_from_starts
 from .normal_equations import Optimum as Optimum, optimum as optimum
-from .observability import by_few as by_few, by_owner as by_owner
-from .problem import Nuisance as Nuisance, Parameters as Parameters, Problem as Problem
+from .observability import (
+    blocks as blocks,
+    by_few as by_few,
+    by_owner as by_owner,
+    estimated_covariance as estimated_covariance,
+    parameter_information as parameter_information,
+)
+from .problem import Fit as Fit, Nuisance as Nuisance, Parameters as Parameters, Problem as Problem
 from .robust import (
     BIWEIGHT as BIWEIGHT,
     EXCLUDED as EXCLUDED,

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.core import FloatArray, symmetric_root
-from lmeasure.estimation.fit_result import Fit
 from lmeasure.estimation.least_squares import Whitened
+from lmeasure.estimation.problem import Fit
 
 DRAWS = 4096
 JOINT_DRAWS = 2048

@@ -14,8 +14,7 @@ import numpy as np
 import scipy
 
 from lmeasure.core import FloatArray, IntArray
-from lmeasure.estimation.fit_result import Fit
-from lmeasure.estimation.problem import Problem
+from lmeasure.estimation.problem import Fit, Problem
 
 MIN_FREEDOM = 3  # degrees of freedom that must be left for an F test to mean something
 LEFT = 1e-3  # of a group's least variance: what is counted at least of what the fit has left of it

@@ -13,8 +13,7 @@ import numpy as np
 import scipy
 
 from lmeasure.core import CalibrationError, FloatArray, IntArray
-from lmeasure.estimation.fit_result import Fit, gains, untaken
-from lmeasure.estimation.problem import Nuisance, Problem
+from lmeasure.estimation.problem import Fit, Nuisance, Problem, gains, untaken
 
 MAX_STEPS = 80
 UNDECIDED = 25  # steps after which a direction that was undetermined once stays so

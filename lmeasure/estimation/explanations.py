@@ -17,9 +17,8 @@ import numpy as np
 import scipy
 
 from lmeasure.core import FloatArray
-from lmeasure.estimation.fit_result import Fit
 from lmeasure.estimation.least_squares import fit
-from lmeasure.estimation.problem import Problem
+from lmeasure.estimation.problem import Fit, Problem
 
 CHANCE = 1e-3
 """Probability under which residuals are not put down to chance."""

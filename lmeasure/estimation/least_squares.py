@@ -12,8 +12,7 @@ import scipy
 
 from lmeasure.core import BoolArray, FloatArray
 from lmeasure.estimation import elimination
-from lmeasure.estimation.fit_result import Fit, gains, untaken
-from lmeasure.estimation.problem import Problem
+from lmeasure.estimation.problem import Fit, Problem, gains, untaken
 
 MAX_STEPS = 100
 ROUGH = 1e-6  # of an objective: where those of hypotheses are compared, which differ by far

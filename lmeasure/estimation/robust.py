@@ -22,9 +22,8 @@ import scipy
 
 from lmeasure.core import FloatArray, IntArray
 from lmeasure.estimation.deletion import Deletion
-from lmeasure.estimation.fit_result import Fit
 from lmeasure.estimation.least_squares import fit
-from lmeasure.estimation.problem import Problem
+from lmeasure.estimation.problem import Fit, Problem
 
 BIWEIGHT = 4.685  # Tukey's constant for 95 % efficiency
 ROUNDS = 30

@@ -1,10 +1,8 @@
 from .bounds import Behind as Behind, Bounds as Bounds, Further as Further, Kept as Kept, Lines as Lines
-from .chain import Chain as Chain, grown as grown, proved as proved
+from .chain import Around as Around, Chain as Chain, grown as grown, proved as proved
 from .detours import detour as detour, nearest_pose as nearest_pose
 from .flat_tetrahedra import Tetrahedron as Tetrahedron, adjusted as adjusted, clear as clear
 from .hooke_joints import HookeJoints as HookeJoints
-from .length_limits import Around as Around
-from .lost_screw import Split as Split
 from .rods import End as End, RodLinks as RodLinks
 from .singular_drives import (
     Closing as Closing,
@@ -17,6 +15,7 @@ from .singular_drives import (
 from .singularity import (
     LOST as LOST,
     Neighbourhood as Neighbourhood,
+    Split as Split,
     architecturally_singular as architecturally_singular,
     gradients as gradients,
     line_pressure_angles as line_pressure_angles,

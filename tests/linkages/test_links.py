@@ -7,7 +7,7 @@ from hypothesis import example, given, settings, strategies as st
 
 from lmeasure.core import FloatArray, se3
 from lmeasure.linkages import Split, pluecker_rows, pressure_angles
-from lmeasure.linkages.lost_screw import SHIFT_RAD_PER_MM, Screw
+from lmeasure.linkages.singularity import SHIFT_RAD_PER_MM, Screw
 
 laws = settings(max_examples=30, deadline=None, derandomize=True)
 seeds = st.integers(0, 2**32 - 1)
