@@ -27,7 +27,6 @@ from .counter import (
     resume_counting as resume_counting,
     runs_on as runs_on,
 )
-from .damped import damped_search as damped_search
 from .decorators import compiled_at_once as compiled_at_once
 from .effects import excesses as excesses
 from .external import GROUP as GROUP, KINDS as KINDS, set_laws as set_laws
@@ -108,7 +107,7 @@ from .layout import (
     WEIGHT as WEIGHT,
     WIDTH as WIDTH,
 )
-from .least_squares import follow_least_squares as follow_least_squares, twists as twists
+from .least_squares import damped_search as damped_search, follow_least_squares as follow_least_squares, twists as twists
 from .legs import driven as driven, placed as placed, triangles as triangles
 from .live import changes_of as changes_of, step as step, step_of as step_of
 from .log_asc import EVENTS as EVENTS, scan_asc as scan_asc
@@ -117,7 +116,6 @@ from .log_text import line_ends as line_ends, line_stop as line_stop
 from .motion import LEAST as LEAST, TERMS as TERMS, local_cubics as local_cubics
 from .placement import worst_at_task as worst_at_task, worst_of_channels as worst_of_channels
 from .polyline import follow_polyline as follow_polyline
-from .pose_covariance import pose_covariances as pose_covariances, pose_twists as pose_twists
 from .progress import compilation as compilation
 from .screw import (
     CABLES as CABLES,
@@ -126,6 +124,7 @@ from .screw import (
     TOLERANCE_MM as TOLERANCE_MM,
     new_state as new_state,
     platform_size as platform_size,
+    pose_twists as pose_twists,
     resume_screw as resume_screw,
     solve_pose as solve_pose,
     solve_poses as solve_poses,

@@ -1,4 +1,4 @@
-"""The screw method over many samples at once, for logs: the same poses as `screw.track`, a multiple faster.
+"""The screw method over many samples at once, for logs: the same poses as `screw.resume_screw`, a multiple faster.
 
 Time is gone through coarse to fine: every COARSE-th sample by `screw.resume`, one from the other; then every MIDDLE-th, then all, each
 started by interpolation between the samples already known, so that samples no longer wait for each other. WIDTH of them make a tile, an
@@ -127,7 +127,8 @@ def _step(S: FloatArray, T: FloatArray, c: FloatArray) -> None:
 def _judge(S: FloatArray, T: FloatArray, c: FloatArray) -> None:
     """Residual, worst pressure angle and determinant of every lane into the tile's last rows; the arguments are those of `_step`.
 
-    The angle is that of the fastest attachment point under the unit-rate twists, the columns of the inverse (see `screw.pressure_angles`):
+    The angle is that of the fastest attachment point under the unit-rate twists, the columns of the inverse
+    (see `screw.worst_pressure_angle`):
     cos = 1 / speed, written by its tangent so that the lanes need no acos.
     """
     k0, k1, k2, k3, k4, k5 = _constants(c[0]), _constants(c[1]), _constants(c[2]), _constants(c[3]), _constants(c[4]), _constants(c[5])

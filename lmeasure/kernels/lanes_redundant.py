@@ -6,6 +6,11 @@ The last step moves a pose by less than LAST_STEP_MM: so the rows there are thos
 and what judges it, pressure angles by N^-1, costs no further look at the channels. A tile is only taken where that is safe: every lane
 starts near, converges, stays clear of singular poses, reads the same channels, and the tile goes on where the one before ended.
 Everything else goes to `least_squares.follow`, sample by sample.
+
+Normal equations of redundant channels, WIDTH samples at once and no lane branching: N holds the upper halves of symmetric 6x6 matrices,
+and behind them the right sides, a row of lanes for each component.
+
+Rows of channels of any kind for a tile of lanes (`kernels.lanes_redundant`): how a reading changes as the pose does.
 """
 
 import math
@@ -14,9 +19,9 @@ import numpy as np
 
 from lmeasure.core import FloatArray, IntArray
 from lmeasure.kernels import least_squares
-from lmeasure.kernels.cable import seen_at
-from lmeasure.kernels.channel_lanes import arm_of, cable_rows, inclination_rows, other_rows, swivel_rows, turned
-from lmeasure.kernels.decorators import kernel
+from lmeasure.kernels.angles import frame_at
+from lmeasure.kernels.cable import leaving, seen_at, way_round
+from lmeasure.kernels.decorators import inline, kernel
 from lmeasure.kernels.lanes import (
     CHUNK,
     CLEAR_OF_SINGULAR,
@@ -32,11 +37,241 @@ from lmeasure.kernels.lanes import (
     _orientation,
     _place,
 )
-from lmeasure.kernels.layout import ATTACHMENT, CABLE, CHANGES, INCLINATION, KIND, POSE_COLUMNS, SWIVEL
+from lmeasure.kernels.layout import (
+    ANGLE_ZERO,
+    ATTACHMENT,
+    BASE,
+    CABLE,
+    CHANGES,
+    ECCENTRIC_PHASE,
+    ECCENTRICITY,
+    GUIDE,
+    INCLINATION,
+    KIND,
+    ORIENTATION,
+    PLACE,
+    POSE_COLUMNS,
+    RADIUS,
+    SWIVEL,
+)
 from lmeasure.kernels.least_squares import sees_turns
-from lmeasure.kernels.normal_lanes import FREE, PAIRS, factors, gather, inverse
 from lmeasure.kernels.screw import OK, copy, platform_size
-from lmeasure.kernels.vector import add, angle, cross, dot, scale, vec
+from lmeasure.kernels.vector import Vec3, add, angle, cross, dot, norm, rotation_matrix, scale, sub, vec
+
+TURN = 2.0 * math.pi
+
+
+@inline
+def _matrix(M: FloatArray, i: int) -> tuple[Vec3, Vec3, Vec3]:
+    """The rotation of a lane, kept by `turned`."""
+    return (
+        (M[i], M[WIDTH + i], M[2 * WIDTH + i]),
+        (M[3 * WIDTH + i], M[4 * WIDTH + i], M[5 * WIDTH + i]),
+        (M[6 * WIDTH + i], M[7 * WIDTH + i], M[8 * WIDTH + i]),
+    )
+
+
+@inline
+def arm_of(M: FloatArray, i: int, point: Vec3) -> Vec3:
+    """A point of the gripper, turned as the gripper of lane i is."""
+    A = _matrix(M, i)
+    return dot(A[0], point), dot(A[1], point), dot(A[2], point)
+
+
+@kernel
+def turned(S: FloatArray, M: FloatArray) -> None:
+    """The lanes' rotation matrices, row by row, into M (9 WIDTH,)."""
+    for i in range(WIDTH):
+        A = rotation_matrix(_orientation(S, i))
+        M[i], M[WIDTH + i], M[2 * WIDTH + i] = A[0]
+        M[3 * WIDTH + i], M[4 * WIDTH + i], M[5 * WIDTH + i] = A[1]
+        M[6 * WIDTH + i], M[7 * WIDTH + i], M[8 * WIDTH + i] = A[2]
+
+
+@inline
+def _keep(a: FloatArray, i: int, weight: float, moment: Vec3, e: Vec3) -> None:
+    a[i], a[WIDTH + i], a[2 * WIDTH + i] = scale(weight, moment)
+    a[3 * WIDTH + i], a[4 * WIDTH + i], a[5 * WIDTH + i] = scale(weight, e)
+
+
+@kernel
+def cable_rows(
+    S: FloatArray, M: FloatArray, t: FloatArray, c: FloatArray, weight: float, size: float, a: FloatArray, r: FloatArray
+) -> None:
+    """Weighted rows of a cable in every lane into a (6 WIDTH,), weighted residuals into r (WIDTH,); turns in units of 1/size."""
+    base, guide, point, radius = vec(c, BASE), vec(c, GUIDE), vec(c, ATTACHMENT), c[RADIUS]
+    by_size = 1.0 / size
+    for i in range(WIDTH):
+        arm = arm_of(M, i, point)
+        s = leaving(sub(add(_place(S, i), arm), base), guide, radius)
+        _keep(a, i, weight, scale(by_size, cross(arm, s.e)), s.e)
+        r[i] = weight * (t[i] - (radius * s.phi + s.t))
+
+
+@kernel
+def swivel_rows(
+    S: FloatArray, M: FloatArray, t: FloatArray, c: FloatArray, weight: float, size: float, a: FloatArray, r: FloatArray
+) -> None:
+    """The same of a swivel's encoder."""
+    base, point, zero, by_size = vec(c, BASE), vec(c, ATTACHMENT), c[ANGLE_ZERO], 1.0 / size
+    off_x, off_y = c[ECCENTRICITY] * math.cos(c[ECCENTRIC_PHASE]), c[ECCENTRICITY] * math.sin(c[ECCENTRIC_PHASE])
+    e0, e1 = frame_at(c)
+    for i in range(WIDTH):
+        arm = arm_of(M, i, point)
+        d = sub(add(_place(S, i), arm), base)
+        x, y = dot(d, e0), dot(d, e1)
+        across = 1.0 / (x * x + y * y)
+        root = math.sqrt(across)
+        # sine and cosine of the angle less the phase of the eccentricity, times this
+        sine, cosine = root * (y * off_x - x * off_y), root * (x * off_x + y * off_y)
+        e = scale((1.0 + cosine) * across, sub(scale(x, e1), scale(y, e0)))
+        _keep(a, i, weight, scale(by_size, cross(arm, e)), e)
+        away = t[i] - (angle(y, x) + sine - zero)
+        r[i] = weight * (away - TURN * math.floor(away / TURN + 0.5))
+
+
+@kernel
+def inclination_rows(M: FloatArray, t: FloatArray, c: FloatArray, weight: float, size: float, a: FloatArray, r: FloatArray) -> None:
+    """The same of an axis of an inclinometer."""
+    up, point, zero, by_size = vec(c, BASE), vec(c, ATTACHMENT), c[ANGLE_ZERO], 1.0 / size
+    for i in range(WIDTH):
+        axis = arm_of(M, i, point)
+        across = cross(axis, up)
+        level = norm(across)
+        _keep(a, i, weight, scale(by_size / level, across), (0.0, 0.0, 0.0))
+        # within a quarter of a turn
+        lean = angle(dot(axis, up), level)
+        away = t[i] - (lean - (TURN if lean > math.pi else 0.0) - zero)
+        r[i] = weight * (away - TURN * math.floor(away / TURN + 0.5))
+
+
+@kernel
+def other_rows(S: FloatArray, t: FloatArray, c: FloatArray, weight: float, size: float, a: FloatArray, r: FloatArray) -> None:
+    """The same of a channel of any other kind, lane by lane."""
+    pose = np.empty(POSE_COLUMNS)
+    by_size = 1.0 / size
+    for i in range(WIDTH):
+        pose[PLACE], pose[PLACE + 1], pose[PLACE + 2] = _place(S, i)
+        pose[ORIENTATION], pose[ORIENTATION + 1], pose[ORIENTATION + 2], pose[ORIENTATION + 3] = _orientation(S, i)
+        value, moment, e = seen_at(c, pose)
+        _keep(a, i, weight, scale(by_size, moment), e)
+        r[i] = weight * way_round(t[i] - value, c[KIND])
+
+
+FREE = 6
+PAIRS = 21
+"""Of the components of a twist: the upper half of a symmetric 6x6 matrix, row by row."""
+
+Symmetric = tuple[
+    float, float, float, float, float, float, float, float, float, float, float,
+    float, float, float, float, float, float, float, float, float, float,
+]  # fmt: skip
+
+
+@kernel
+def gather(a: FloatArray, r: FloatArray, b: FloatArray, s: FloatArray, N: FloatArray) -> None:
+    """Add what two channels, rows a, b (6 WIDTH,) and residuals r, s (WIDTH,), give to the normal equations N (27 WIDTH,)."""
+    for i in range(WIDTH):
+        a0, a1, a2, a3, a4, a5 = a[i], a[WIDTH + i], a[2 * WIDTH + i], a[3 * WIDTH + i], a[4 * WIDTH + i], a[5 * WIDTH + i]
+        b0, b1, b2, b3, b4, b5 = b[i], b[WIDTH + i], b[2 * WIDTH + i], b[3 * WIDTH + i], b[4 * WIDTH + i], b[5 * WIDTH + i]
+        N[i] += a0 * a0 + b0 * b0
+        N[WIDTH + i] += a0 * a1 + b0 * b1
+        N[2 * WIDTH + i] += a0 * a2 + b0 * b2
+        N[3 * WIDTH + i] += a0 * a3 + b0 * b3
+        N[4 * WIDTH + i] += a0 * a4 + b0 * b4
+        N[5 * WIDTH + i] += a0 * a5 + b0 * b5
+        N[6 * WIDTH + i] += a1 * a1 + b1 * b1
+        N[7 * WIDTH + i] += a1 * a2 + b1 * b2
+        N[8 * WIDTH + i] += a1 * a3 + b1 * b3
+        N[9 * WIDTH + i] += a1 * a4 + b1 * b4
+        N[10 * WIDTH + i] += a1 * a5 + b1 * b5
+        N[11 * WIDTH + i] += a2 * a2 + b2 * b2
+        N[12 * WIDTH + i] += a2 * a3 + b2 * b3
+        N[13 * WIDTH + i] += a2 * a4 + b2 * b4
+        N[14 * WIDTH + i] += a2 * a5 + b2 * b5
+        N[15 * WIDTH + i] += a3 * a3 + b3 * b3
+        N[16 * WIDTH + i] += a3 * a4 + b3 * b4
+        N[17 * WIDTH + i] += a3 * a5 + b3 * b5
+        N[18 * WIDTH + i] += a4 * a4 + b4 * b4
+        N[19 * WIDTH + i] += a4 * a5 + b4 * b5
+        N[20 * WIDTH + i] += a5 * a5 + b5 * b5
+        N[21 * WIDTH + i] += a0 * r[i] + b0 * s[i]
+        N[22 * WIDTH + i] += a1 * r[i] + b1 * s[i]
+        N[23 * WIDTH + i] += a2 * r[i] + b2 * s[i]
+        N[24 * WIDTH + i] += a3 * r[i] + b3 * s[i]
+        N[25 * WIDTH + i] += a4 * r[i] + b4 * s[i]
+        N[26 * WIDTH + i] += a5 * r[i] + b5 * s[i]
+
+
+@inline
+def factors(N: FloatArray, i: int) -> Symmetric:
+    """N = L D L^T: 1/d0 .. 1/d5 and the fifteen entries of L below its diagonal, row by row."""
+    i0 = 1.0 / N[i]
+    n1, n2, n3, n4, n5 = N[WIDTH + i], N[2 * WIDTH + i], N[3 * WIDTH + i], N[4 * WIDTH + i], N[5 * WIDTH + i]
+    l10, l20, l30, l40, l50 = n1 * i0, n2 * i0, n3 * i0, n4 * i0, n5 * i0
+    i1 = 1.0 / (N[6 * WIDTH + i] - l10 * n1)
+    m2, m3, m4, m5 = N[7 * WIDTH + i] - l20 * n1, N[8 * WIDTH + i] - l30 * n1, N[9 * WIDTH + i] - l40 * n1, N[10 * WIDTH + i] - l50 * n1
+    l21, l31, l41, l51 = m2 * i1, m3 * i1, m4 * i1, m5 * i1
+    i2 = 1.0 / (N[11 * WIDTH + i] - l20 * n2 - l21 * m2)
+    o3 = N[12 * WIDTH + i] - l30 * n2 - l31 * m2
+    o4 = N[13 * WIDTH + i] - l40 * n2 - l41 * m2
+    o5 = N[14 * WIDTH + i] - l50 * n2 - l51 * m2
+    l32, l42, l52 = o3 * i2, o4 * i2, o5 * i2
+    i3 = 1.0 / (N[15 * WIDTH + i] - l30 * n3 - l31 * m3 - l32 * o3)
+    p4 = N[16 * WIDTH + i] - l40 * n3 - l41 * m3 - l42 * o3
+    p5 = N[17 * WIDTH + i] - l50 * n3 - l51 * m3 - l52 * o3
+    l43, l53 = p4 * i3, p5 * i3
+    i4 = 1.0 / (N[18 * WIDTH + i] - l40 * n4 - l41 * m4 - l42 * o4 - l43 * p4)
+    q5 = N[19 * WIDTH + i] - l50 * n4 - l51 * m4 - l52 * o4 - l53 * p4
+    l54 = q5 * i4
+    i5 = 1.0 / (N[20 * WIDTH + i] - l50 * n5 - l51 * m5 - l52 * o5 - l53 * p5 - l54 * q5)
+    return (
+        i0, i1, i2, i3, i4, i5, l10, l20, l21, l30, l31, l32, l40, l41, l42, l43, l50, l51, l52, l53, l54,
+    )  # fmt: skip
+
+
+@kernel
+def inverse(N: FloatArray, V: FloatArray) -> None:
+    """The inverses of all lanes' N, as N has them, into V (21 WIDTH,): L^-T D^-1 L^-1."""
+    for i in range(WIDTH):
+        i0, i1, i2, i3, i4, i5, l10, l20, l21, l30, l31, l32, l40, l41, l42, l43, l50, l51, l52, l53, l54 = factors(N, i)
+        k10, k21, k32, k43, k54 = -l10, -l21, -l32, -l43, -l54
+        k20 = -l20 - l21 * k10
+        k31 = -l31 - l32 * k21
+        k42 = -l42 - l43 * k32
+        k53 = -l53 - l54 * k43
+        k30 = -l30 - l31 * k10 - l32 * k20
+        k41 = -l41 - l42 * k21 - l43 * k31
+        k52 = -l52 - l53 * k32 - l54 * k42
+        k40 = -l40 - l41 * k10 - l42 * k20 - l43 * k30
+        k51 = -l51 - l52 * k21 - l53 * k31 - l54 * k41
+        k50 = -l50 - l51 * k10 - l52 * k20 - l53 * k30 - l54 * k40
+        m1, m2, m3, m4, m5 = k10 * i1, k20 * i2, k30 * i3, k40 * i4, k50 * i5
+        V[i] = i0 + k10 * m1 + k20 * m2 + k30 * m3 + k40 * m4 + k50 * m5
+        V[WIDTH + i] = m1 + k21 * m2 + k31 * m3 + k41 * m4 + k51 * m5
+        V[2 * WIDTH + i] = m2 + k32 * m3 + k42 * m4 + k52 * m5
+        V[3 * WIDTH + i] = m3 + k43 * m4 + k53 * m5
+        V[4 * WIDTH + i] = m4 + k54 * m5
+        V[5 * WIDTH + i] = m5
+        m2, m3, m4, m5 = k21 * i2, k31 * i3, k41 * i4, k51 * i5
+        V[6 * WIDTH + i] = i1 + k21 * m2 + k31 * m3 + k41 * m4 + k51 * m5
+        V[7 * WIDTH + i] = m2 + k32 * m3 + k42 * m4 + k52 * m5
+        V[8 * WIDTH + i] = m3 + k43 * m4 + k53 * m5
+        V[9 * WIDTH + i] = m4 + k54 * m5
+        V[10 * WIDTH + i] = m5
+        m3, m4, m5 = k32 * i3, k42 * i4, k52 * i5
+        V[11 * WIDTH + i] = i2 + k32 * m3 + k42 * m4 + k52 * m5
+        V[12 * WIDTH + i] = m3 + k43 * m4 + k53 * m5
+        V[13 * WIDTH + i] = m4 + k54 * m5
+        V[14 * WIDTH + i] = m5
+        m4, m5 = k43 * i4, k53 * i5
+        V[15 * WIDTH + i] = i3 + k43 * m4 + k53 * m5
+        V[16 * WIDTH + i] = m4 + k54 * m5
+        V[17 * WIDTH + i] = m5
+        V[18 * WIDTH + i] = i4 + k54 * k54 * i5
+        V[19 * WIDTH + i] = k54 * i5
+        V[20 * WIDTH + i] = i5
+
 
 LEFT_MM = 1e-10
 """What a last step may leave: steps fall at least as fast as from the one before, by residuals over distances or by their squares."""

@@ -200,20 +200,13 @@ def attachment_speed(cables: FloatArray, pose: FloatArray, inverse: FloatArray, 
     return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
-@inline
-def pressure_angles(cables: FloatArray, pose: FloatArray, inverse: FloatArray, out: FloatArray) -> None:
-    """Pressure-angle analogues [rad] of the cables at a pose into out (6,) (thesis 5.1, 5.7).
+@kernel
+def worst_pressure_angle(cables: FloatArray, pose: FloatArray, inverse: FloatArray) -> float:
+    """Return the largest pressure-angle analogue [rad] of the cables at a pose (thesis 5.1, 5.7; `linkages.pressure_angles`).
 
     The angle between the free span e_i and the velocity v_i of its attachment point when only cable i changes. The unit-rate twist has
     e_i . v_i = 1, so the angle is arccos(1/|v_i|).
     """
-    for i in range(CABLES):
-        out[i] = math.acos(1.0 / max(1.0, attachment_speed(cables, pose, inverse, i)))
-
-
-@kernel
-def worst_pressure_angle(cables: FloatArray, pose: FloatArray, inverse: FloatArray) -> float:
-    """Largest of `pressure_angles` [rad]."""
     fastest = 1.0
     for i in range(CABLES):
         fastest = max(fastest, attachment_speed(cables, pose, inverse, i))
@@ -221,14 +214,16 @@ def worst_pressure_angle(cables: FloatArray, pose: FloatArray, inverse: FloatArr
 
 
 @kernel
-def pose_pressure_angles(cables: FloatArray, poses: FloatArray) -> FloatArray:
-    """(n, 6) `pressure_angles` [rad] at (n, 7) poses; NaN where the cables do not determine the pose."""
-    out = np.full((poses.shape[0], CABLES), np.nan)
+def pose_twists(cables: FloatArray, poses: FloatArray) -> FloatArray:
+    """(n, 6, 6) inverses of the rows at (n, 7) poses: column i is the twist (omega; v) about the tool origin per unit of length i; NaN
+    where the pose is NaN or singular."""
+    out = np.full((poses.shape[0], 6, CABLES), np.nan)
     J, inverse = np.empty((CABLES, CABLES)), np.empty((CABLES, CABLES))
     size = platform_size(cables)
     for i in range(poses.shape[0]):
-        if invert(cables, poses[i], J, inverse, size) != 0.0:
-            pressure_angles(cables, poses[i], inverse, out[i])
+        if not math.isnan(poses[i, 0]) and invert(cables, poses[i], J, inverse, size) != 0.0:
+            for a in range(6):
+                copy(inverse[a], out[i, a])
     return out
 
 
@@ -381,11 +376,3 @@ def resume_screw(
             copy(pose, good)
             copy(changes[i], good_change)
     return poses, residual, iterations, status, angle
-
-
-@kernel
-def track(
-    cables: FloatArray, start: FloatArray, changes: FloatArray, flags: IntArray, u: FloatArray
-) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]:
-    """`resume` from the beginning of a run."""
-    return resume_screw(cables, start, new_state(start), changes, flags, u)

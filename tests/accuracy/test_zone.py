@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.linalg
 from scipy.spatial.transform import Rotation
 from zeroed import exactly
 from zone_oracle import length_rows, pressure_angles, sphere_radius
@@ -12,7 +13,7 @@ from zone_rigs import cell, published
 from lmeasure.accuracy import REASONS, Limits, axis, limit_from_accuracy, read_zone, scan_zone, summary, tilts, write_zone
 from lmeasure.accuracy.zone import covers, drum_variance
 from lmeasure.core import AccuracyError, FileFormatError, RigError, rotation_from_angles
-from lmeasure.kernels import pose_covariances
+from lmeasure.kernels import length_gradients
 from lmeasure.rig import CalibrationRecord, RecordedParameter, Rig, rig_from_dict
 from lmeasure.sensors import cable_covariance, counts_from_poses, length_variance
 
@@ -103,8 +104,12 @@ def test_linked_calibration_enters_with_the_zero_pose() -> None:
     zone = scan_zone(rig, calibration, x=at[:1], y=at[1:2], z=at[2:], rotations=Rotation.identity(1), start=start)
     pose = np.concatenate([at, [0, 0, 0, 1]])[None, :]
     counts = counts_from_poses(rig, pose, start)
-    both = pose_covariances(rig.cable_rows(), start, pose, counts, rig.scales(), length_variance(rig), cable_covariance(rig, calibration))
-    covariance = (both[0] + both[1])[0, 3:, 3:]
+    rows, scales, none = rig.cable_rows(), rig.scales(), np.zeros((1, 6))
+    since = (length_gradients(rows, pose, counts, scales) - length_gradients(rows, start[None], none, scales))[0]
+    by_parameter = scipy.linalg.block_diag(*since)
+    of_lengths = np.diag(length_variance(rig)) + by_parameter @ cable_covariance(rig, calibration) @ by_parameter.T
+    inverse = np.linalg.inv(length_rows(at, np.eye(3), plain(rig)))[3:]
+    covariance = inverse @ of_lengths @ inverse.T
     assert zone["u95_position_mm"].item() == pytest.approx(sphere_radius(covariance, random), rel=6e-3)
     assert "linked calibration" in zone.attrs["u95_covers"]
     # at the start pose itself only the counts are unsure

@@ -8,6 +8,7 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 from rows import HOME, cell_rows, singular_angle, turned
 from scipy.spatial.transform import Rotation
+from screw_poses import track
 
 from lmeasure.core import FloatArray, Status
 from lmeasure.kernels import cable, lanes, screw
@@ -34,7 +35,7 @@ def changes(rows: FloatArray, poses: FloatArray, noise_mm: float = 0.0, seed: in
 
 def both(rows: FloatArray, change: FloatArray, flags: IntArray | None = None) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
     flags = np.zeros(len(change), np.int64) if flags is None else flags
-    one = screw.track(rows, HOME, change, flags, U)
+    one = track(rows, HOME, change, flags, U)
     many = lanes.follow_lanes(rows, HOME, screw.new_state(HOME), change, flags, U)
     return one, many
 
@@ -212,7 +213,7 @@ def test_few_samples_near_a_singular_pose_go_one_by_one(rows: FloatArray) -> Non
         poses = turned(singular_angle(rows) - away - np.linspace(0.0, 0.01, n))
         lengths = cable.span_lengths(rows, poses)
         change, flags = lengths - lengths[0], np.zeros(n, np.int64)
-        one = screw.track(rows, poses[0], change, flags, U)
+        one = track(rows, poses[0], change, flags, U)
         many = lanes.follow_lanes(rows, poses[0], screw.new_state(poses[0]), change, flags, U)
         assert (one[3] == Status.OK).all()
         assert_same(one, many)

@@ -9,7 +9,7 @@ import scipy.linalg
 import scipy.optimize
 from rows import HOME, cell, cell_rows, singular_angle, straight_row, turned
 from scipy.spatial.transform import Rotation
-from screw_poses import U, changes_of, random_pose
+from screw_poses import U, angles_at, changes_of, random_pose, track
 
 from lmeasure.core import FloatArray, Status, se3
 from lmeasure.kernels import ATTACHMENT, BASE, cable, screw, span_lengths
@@ -100,9 +100,9 @@ def test_the_finite_screw_goes_on_until_the_lengths_are_met() -> None:
 def test_published_pressure_angles() -> None:
     """Table 5.1: printed 36.7, 57.2, 61.2, 72.2, 72, 0."""
     table = legs(TABLE_5_1)
-    angles = np.degrees(screw.pose_pressure_angles(table, HOME[None])[0])
+    angles = np.degrees(angles_at(table, HOME[None])[0])
     assert angles == pytest.approx([36.7132, 57.1537, 61.2138, 72.1344, 72.0798, 0.0], abs=6e-5)
-    _, _, _, _, worst = screw.track(table, HOME, np.zeros((1, 6)), np.zeros(1, np.int64), U * 1e-6)
+    _, _, _, _, worst = track(table, HOME, np.zeros((1, 6)), np.zeros(1, np.int64), U * 1e-6)
     assert np.degrees(worst[0]) == pytest.approx(72.1344, abs=6e-5)
     rows = cable.span_rows(table, HOME)
     assert abs(np.linalg.det(rows)) == pytest.approx(6.174488, abs=1e-6)
@@ -114,7 +114,7 @@ def test_pressure_angles_from_their_definition() -> None:
     g = np.random.default_rng(5)
     for _ in range(5):
         pose = random_pose(g)
-        angles = screw.pose_pressure_angles(rows, pose[None])[0]
+        angles = angles_at(rows, pose[None])[0]
         for i in range(6):
             h = 1e-4
             ends = []
@@ -220,7 +220,7 @@ def test_lengths_of_a_rig_of_hundreds_of_metres_are_met_as_far_as_they_are_round
         rows[:, place : place + 3] *= 300.0
     start[:3] *= 300.0
     changes = np.random.default_rng(5).uniform(-8.0, 8.0, (20, 6))
-    poses, residual, iterations, status, _ = screw.track(rows, start, changes, np.zeros(20, np.int64), U)
+    poses, residual, iterations, status, _ = track(rows, start, changes, np.zeros(20, np.int64), U)
     assert (status == Status.OK).all()
     assert screw.TOLERANCE_MM < residual.max() < 1e-9
     assert iterations.max() <= 8
@@ -234,7 +234,7 @@ def test_a_run_begins_anywhere_and_goes_on_behind_gaps() -> None:
     flags[100:250] = Status.GAP
     flags[300:310] = Status.JUMP
     changes[100:250] = np.nan
-    poses, residual, _, status, angle = screw.track(rows, HOME, changes, flags, U)
+    poses, residual, _, status, angle = track(rows, HOME, changes, flags, U)
     assert (status == flags).all()
     assert np.isnan(poses[flags != 0]).all()
     assert np.isnan(residual[flags != 0]).all()
@@ -243,7 +243,7 @@ def test_a_run_begins_anywhere_and_goes_on_behind_gaps() -> None:
     assert away < 1e-8
     assert turn < 1e-11
     # the first sample need not be at the start: here it is 150 samples into the motion
-    late, _, _, status, _ = screw.track(rows, HOME, changes[260:], flags[260:], U)
+    late, _, _, status, _ = track(rows, HOME, changes[260:], flags[260:], U)
     assert (status == flags[260:]).all()
     assert worst_apart(late[flags[260:] == 0], truth[260:][flags[260:] == 0])[0] < 1e-8
 
@@ -254,7 +254,7 @@ def test_lengths_that_no_pose_has_are_said_and_the_rest_is_followed() -> None:
     changes[200] += [4000, -900, 3000, -900, 0, 5000]
     changes[220] = np.nan
     changes[240] = 1e300
-    poses, _, _, status, _ = screw.track(rows, HOME, changes, np.zeros(400, np.int64), U)
+    poses, _, _, status, _ = track(rows, HOME, changes, np.zeros(400, np.int64), U)
     bad = np.zeros(400, np.bool_)
     bad[[200, 220, 240]] = True
     assert (status[bad] != Status.OK).all()
@@ -267,12 +267,11 @@ def test_a_rig_that_cannot_tell_the_pose_is_singular() -> None:
     """All cables through one line of attachment points: the turn about it moves no cable."""
     rows = cell_rows()
     rows[:, 7:10] = [[x, 0, 0] for x in (-100, -60, -20, 20, 60, 100)]
-    poses, _, _, status, _ = screw.track(rows, HOME, np.zeros((3, 6)) + 0.1, np.zeros(3, np.int64), U)
+    poses, _, _, status, _ = track(rows, HOME, np.zeros((3, 6)) + 0.1, np.zeros(3, np.int64), U)
     assert (status == Status.SINGULAR).all()
     assert np.isnan(poses).all()
-    assert np.isnan(screw.pose_pressure_angles(rows, HOME[None])).all()
     # at the start itself, where no step has to be made
-    assert screw.track(rows, HOME, np.zeros((2, 6)), np.zeros(2, np.int64), U)[3].tolist() == [Status.SINGULAR, Status.SINGULAR]
+    assert track(rows, HOME, np.zeros((2, 6)), np.zeros(2, np.int64), U)[3].tolist() == [Status.SINGULAR, Status.SINGULAR]
 
 
 def test_far_cables_along_the_edges_of_a_box_have_no_pressure_angles() -> None:
@@ -281,8 +280,8 @@ def test_far_cables_along_the_edges_of_a_box_have_no_pressure_angles() -> None:
     ways = np.array([[0.0, 0, 1]] * 3 + [[0.0, 1, 0]] * 2 + [[1.0, 0, 0]])
     for part in (1.0, 1e-3):
         rows = np.array([straight_row(part * p + 2e3 * e, part * p) for p, e in zip(ends, ways, strict=True)])
-        assert screw.pose_pressure_angles(rows, np.tile(HOME, (3, 1))) == pytest.approx(np.zeros((3, 6)), abs=1e-6)
-        assert screw.track(rows, HOME, np.zeros((1, 6)), np.zeros(1, np.int64), U)[4] == pytest.approx(0.0, abs=1e-6)
+        assert angles_at(rows, np.tile(HOME, (3, 1))) == pytest.approx(np.zeros((3, 6)), abs=1e-6)
+        assert track(rows, HOME, np.zeros((1, 6)), np.zeros(1, np.int64), U)[4] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_behind_a_gap_the_straight_way_of_the_lengths_is_gone() -> None:
@@ -294,9 +293,9 @@ def test_behind_a_gap_the_straight_way_of_the_lengths_is_gone() -> None:
         slowly = np.concatenate(
             [begin * np.linspace(0.0, 1.0, 101)[1:, None], begin + (end - begin) * np.linspace(0.0, 1.0, 101)[1:, None]]
         )
-        poses, _, _, status, _ = screw.track(rows, HOME, slowly, np.zeros(200, np.int64), U)
+        poses, _, _, status, _ = track(rows, HOME, slowly, np.zeros(200, np.int64), U)
         if (status == Status.OK).all():
-            found, _, iterations, status, _ = screw.track(rows, HOME, slowly[[99, 199]], np.zeros(2, np.int64), U)
+            found, _, iterations, status, _ = track(rows, HOME, slowly[[99, 199]], np.zeros(2, np.int64), U)
             if (status != Status.OK).any():  # said, at least
                 continue
             assert max(worst_apart(found, poses[[99, 199]])) < 1e-8
@@ -309,7 +308,7 @@ def test_what_is_found_leaves_no_more_than_the_tolerance_of_its_lengths() -> Non
     """Of a rig of a metre or two, whichever step comes last."""
     rows, g = cell_rows(), np.random.default_rng(7)
     changes = g.uniform(-9.0, 9.0, (300, 6))
-    poses, residual, iterations, status, _ = screw.track(rows, HOME, changes, np.zeros(300, np.int64), U)
+    poses, residual, iterations, status, _ = track(rows, HOME, changes, np.zeros(300, np.int64), U)
     assert (status == Status.OK).all()
     assert residual.max() <= 1e-11
     assert (iterations > 0).all()
@@ -327,7 +326,7 @@ def test_the_other_assembly_is_never_given() -> None:
     base[:, 1] = [500, 200, 400, -300, 100, -200]
     heights = np.linspace(0, -800, 400)  # the platform goes through the plane of the fixed points, where the legs lie flat
     truth = np.column_stack([np.zeros((400, 2)), heights, np.zeros((400, 3)), np.ones(400)])
-    poses, _, _, status, _ = screw.track(base, HOME, changes_of(truth, base), np.zeros(400, np.int64), U)
+    poses, _, _, status, _ = track(base, HOME, changes_of(truth, base), np.zeros(400, np.int64), U)
     good = status == Status.OK
     assert good[:150].all()
     assert not good[-150:].any()
@@ -342,7 +341,7 @@ def test_near_a_singular_pose_and_back_nothing_is_lost() -> None:
     for nearest, followed in ((0.03, True), (1e-6, False)):
         way = np.concatenate([np.linspace(0.0, angle - nearest, 800), np.linspace(angle - nearest, 0.3, 200)])
         truth = turned(way)
-        poses, _, _, status, angles = screw.track(rows, HOME, changes_of(truth, rows), np.zeros(1000, np.int64), U)
+        poses, _, _, status, angles = track(rows, HOME, changes_of(truth, rows), np.zeros(1000, np.int64), U)
         assert (status == Status.OK).all() == followed
         if followed:
             assert np.degrees(angles.max()) > 80.5

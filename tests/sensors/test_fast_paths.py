@@ -14,6 +14,7 @@ from reference.continuation import follow
 from reference.solver import Solved, pressure_angles, shared_errors, twists
 from rigs import COUNT_MM, HOME, FloatArray, cables, inclination, path, poses, rows_of, swivel
 from scipy.spatial.transform import Rotation
+from screw_poses import track
 
 from lmeasure.core import Status, se3
 from lmeasure.kernels import (
@@ -32,8 +33,8 @@ from lmeasure.kernels import (
     damped_search,
     lanes,
     least_squares,
+    length_gradients,
     live,
-    pose_covariance,
     screw,
     span_lengths,
 )
@@ -76,7 +77,7 @@ def test_six_cables(seed: int, radius: float | None, gaps: float) -> None:
     flags, u = np.where(np.isnan(changes).any(axis=1), Status.GAP, Status.OK).astype(np.int64), np.full(6, COUNT_MM / np.sqrt(12.0))
     # near singular poses the fast ways refuse earlier, by what errors of the lengths could do: they have tests of their own
     assume(not (reference.angle > np.radians(70.0)).any())
-    assert_same(screw.track(rows, HOME, changes, flags, u), reference)
+    assert_same(track(rows, HOME, changes, flags, u), reference)
     assert_same(lanes.follow_lanes(rows, HOME, screw.new_state(HOME), changes, flags, u), reference)
     few = screw_method.follow_together(rows, HOME, screw.new_state(HOME), changes, flags=flags)
     assert few is not None
@@ -316,7 +317,7 @@ def test_constrained_motions() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_covariances_of_poses(seed: int) -> None:
-    """Of the counts, and of parameters with a full covariance, the zero pose included."""
+    """Of parameters with a full covariance, the zero pose included."""
     g = np.random.default_rng(seed)
     channels, at = cables(seed), poses(seed, 8, reach_mm=120.0, turn_rad=0.1)
     rows = rows_of(channels)
@@ -324,14 +325,12 @@ def test_covariances_of_poses(seed: int) -> None:
     names = tuple(q.name for o in channels for q in o.parameters[:13])
     root = g.normal(size=(78, 5)) * np.tile([q.prior_u for q in channels[0].parameters[:13]], 6)[:, None] * 1e-3
     of_kernels = root * np.tile(FACTORS, 6)[:, None]
-    random, systematic = pose_covariance.pose_covariances(
-        rows, HOME, at, counts, np.ones(6), np.full(6, COUNT_MM**2 / 12.0), of_kernels @ of_kernels.T
-    )
+    since = length_gradients(rows, at, counts, np.ones(6)) - length_gradients(rows, HOME[None], np.zeros((1, 6)), np.ones(6))
     G = twists(channels, at)
-    for of_poses in (pose_covariance.pose_twists, budget.twists_of_six):
+    systematic = G @ np.einsum("nmp,mpk->nmk", since, of_kernels.reshape(6, 13, -1))
+    for of_poses in (screw.pose_twists, budget.twists_of_six):
         np.testing.assert_allclose(of_poses(rows, at), G, rtol=1e-8, atol=1e-12)
-    own, shared = G * COUNT_MM / np.sqrt(12.0), shared_errors(channels, at, G, names, root=root)
-    for found, expected in ((own, random), (shared, systematic)):
-        u = np.sqrt(np.einsum("nii->ni", expected))
-        covariance = found @ np.swapaxes(found, 1, 2)
-        np.testing.assert_allclose(covariance / u[:, :, None] / u[:, None, :], expected / u[:, :, None] / u[:, None, :], atol=1e-7)
+    shared = shared_errors(channels, at, G, names, root=root)
+    covariance, expected = (root @ np.swapaxes(root, 1, 2) for root in (shared, systematic))
+    u = np.sqrt(np.einsum("nii->ni", expected))
+    np.testing.assert_allclose(covariance / u[:, :, None] / u[:, None, :], expected / u[:, :, None] / u[:, None, :], atol=1e-7)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from cells import START, FloatArray, cell, motion, record
 from scipy.spatial.transform import Rotation
+from screw_poses import angles_at
 
 from lmeasure.core import Status
 from lmeasure.kernels import screw
@@ -63,7 +64,7 @@ def test_beyond_75_degrees_the_kernels_decide() -> None:
     """A turn about the vertical towards the singular pose: as far as 75 degrees and no farther."""
     rig = cell()
     turned = np.column_stack([np.zeros((2000, 3)), Rotation.from_rotvec(np.linspace(0, 1.6, 2000)[:, None] * [0, 0, 1]).as_quat()])
-    angles = np.degrees(screw.pose_pressure_angles(rig.cable_rows(), turned).max(axis=1))
+    angles = np.degrees(angles_at(rig.cable_rows(), turned).max(axis=1))
     beyond = int(np.argmax(angles > 75.0))
     assert beyond > 100
     change = changes(rig, turned)
