@@ -100,10 +100,9 @@ CORE = {
         "not lie_in_their_regions",
     ],
     "trajectory/faults/continuity.py": [
-        *(f"tests/trajectory/test_{name}.py" for name in ("continuity_definition", "continuity_limits", "steps", "standing")),
+        *(f"tests/trajectory/test_{name}.py" for name in ("continuity_definition", "continuity_limits", "steps", "standing", "doubts")),
         *_COUNTERS,
     ],
-    "trajectory/faults/doubts.py": ["tests/trajectory/test_doubts.py", *_COUNTERS],
     "trajectory/faults/rest_evidence.py": ["tests/trajectory/test_doubts.py", "tests/trajectory/test_evidence.py", *_COUNTERS],
     "trajectory/faults/redundancy.py": ["tests/trajectory/test_redundancy.py", *_COUNTERS],
     "trajectory/faults/consistency.py": ["tests/trajectory/test_spans.py", "tests/trajectory/test_consistency.py"],

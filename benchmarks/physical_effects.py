@@ -32,7 +32,7 @@ from lmeasure.recording import poses_from_rows
 from lmeasure.rig import Rig, rig_from_dict, value_of
 from lmeasure.sensors import phased, span_lengths
 from lmeasure.simulation import Leg, campaign_at, cell_rig, scattered_poses, simulate_run, smooth_path
-from lmeasure.simulation.machine import true_counts
+from lmeasure.simulation.instrument import true_counts
 
 FloatArray = NDArray[np.float64]
 POSES, U_MM, HALF_MM, TILT = 24, 0.01, 280.0, 0.28

@@ -76,14 +76,16 @@ from .rig import (
 )
 from .sensor_table import (
     AngleSensor as AngleSensor,
+    Distance as Distance,
+    Inclination as Inclination,
     LengthSensor as LengthSensor,
     SensorChannel as SensorChannel,
     SensorTable as SensorTable,
+    Swivel as Swivel,
     external_number as external_number,
     register_table as register_table,
     table_of as table_of,
 )
-from .sensors import Distance as Distance, Inclination as Inclination, Swivel as Swivel
 from .typical_sizes import (
     STEEL_PER_K as STEEL_PER_K,
     TYPICAL_SIZES as TYPICAL_SIZES,

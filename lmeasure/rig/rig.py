@@ -24,8 +24,7 @@ from lmeasure.rig.points_and_drums import (
     NotNegative,
     ObservationPoint as ObservationPoint,
 )
-from lmeasure.rig.sensor_table import TABLES, SensorChannel, SensorTable, table_of
-from lmeasure.rig.sensors import Distance, Inclination, Swivel, fill_point
+from lmeasure.rig.sensor_table import TABLES, Distance, Inclination, SensorChannel, SensorTable, Swivel, fill_point, table_of
 from lmeasure.rig.typical_sizes import TYPICAL_SIZES, Unstated
 from lmeasure.text import message
 

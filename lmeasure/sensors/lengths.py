@@ -50,7 +50,7 @@ class Lengths(Shown):
     flags: IntArray
     """(n,) `Status` of each sample: ok, gap or jump."""
     cause: TextArray
-    """(n,) cause of a flag, a code of `lmeasure.text.sample_messages`."""
+    """(n,) cause of a flag, a code of `lmeasure.text.messages`."""
     cable: TextArray
     """(n,) cable of a flag."""
     notes: tuple[Message, ...] = ()

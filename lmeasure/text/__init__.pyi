@@ -12,28 +12,26 @@ from .catalogue import (
 )
 from .messages import (
     JOINED as JOINED,
+    Cause as Cause,
     Lines as Lines,
     Message as Message,
     Versions as Versions,
+    and_also as and_also,
+    common as common,
     composed as composed,
     count_of as count_of,
     faults as faults,
     from_stated as from_stated,
+    is_of as is_of,
     joined as joined,
     message as message,
+    of_file as of_file,
     reason as reason,
     restored as restored,
     sentence as sentence,
-    table as table,
-)
-from .page_text import ENGLISH as ENGLISH, Say as Say, powers as powers, typeset as typeset
-from .sample_messages import (
-    Cause as Cause,
-    and_also as and_also,
-    common as common,
-    is_of as is_of,
-    of_file as of_file,
     stated_causes as stated_causes,
+    table as table,
     within as within,
     without as without,
 )
+from .page_text import ENGLISH as ENGLISH, Say as Say, powers as powers, typeset as typeset

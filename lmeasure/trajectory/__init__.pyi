@@ -3,7 +3,7 @@ from .curve.curve_errors import ErrorsOfCurve as ErrorsOfCurve, finer_trajectory
 from .curve.fit import reconstruct_curve as reconstruct_curve
 from .curve.stream import CurveStream as CurveStream
 from .faults.consistency import collect_epochs as collect_epochs
-from .faults.doubts import shifted as shifted
+from .faults.continuity import shifted as shifted
 from .faults.redundancy import (
     Epochs as Epochs,
     Faults as Faults,
@@ -35,7 +35,6 @@ from .motion.spectrum import Vibration as Vibration
 from .motion.vibration import averaged as averaged, with_rest as with_rest
 from .origin.origins import estimate_origins as estimate_origins
 from .reconstruction.live import LivePose as LivePose, PoseWatch as PoseWatch, enough_absolute as enough_absolute
-from .reconstruction.parts import reconstruct_in_parts as reconstruct_in_parts
 from .reconstruction.run_model import FREEDOMS as FREEDOMS, RunModel as RunModel
 from .reconstruction.runs import (
     Each as Each,
@@ -43,6 +42,7 @@ from .reconstruction.runs import (
     covariances as covariances,
     prepare as prepare,
     reconstruct as reconstruct,
+    reconstruct_in_parts as reconstruct_in_parts,
     reconstruct_stream as reconstruct_stream,
 )
 from .reconstruction.screw_method import (

@@ -54,7 +54,7 @@ class Asked(BaseModel):
     """Words of the command to type next, with the names of options in braces for their values."""
 
     def paths(self) -> Paths:
-        """Return the paths that the command may write and read, for the rule of `lmeasure.workflows.outputs`."""
+        """Return the paths that the command may write and read, for the rule of `lmeasure.workflows.flow`."""
         return Paths()
 
     def following(self) -> str:

@@ -16,7 +16,7 @@ from lmeasure.sensors import ECCENTRICITY, OFFSET, RUN_OUT, Parts, arms, counts_
 from lmeasure.sensors.imperfect_parts import OVERSIZE, Acted, thicker
 from lmeasure.sensors.wrap import Span, spans
 from lmeasure.simulation import cell_rig, reference_poses
-from lmeasure.simulation.machine import machine_counts, with_play
+from lmeasure.simulation.instrument import machine_counts, with_play
 
 POSES = reference_poses()
 COUNT_MM = 0.012

@@ -21,7 +21,7 @@ from lmeasure.text import Message, message
 from lmeasure.trajectory import Epochs, collect_epochs
 from lmeasure.trajectory.faults import consistency
 from lmeasure.trajectory.faults.consistency import Consistency, EpochFinder, RunSamples, consistent
-from lmeasure.trajectory.faults.doubts import EVERY, NONE, Doubt, Doubts
+from lmeasure.trajectory.faults.continuity import EVERY, NONE, Doubt, Doubts
 from lmeasure.trajectory.faults.redundancy import ChanceOfContradiction, Parities
 
 U = 0.01

@@ -11,8 +11,7 @@ from lmeasure.recording import Counts, Run
 from lmeasure.rig import Rig
 from lmeasure.sensors import COUNTER_STATE, lengths_from_counts
 from lmeasure.text import message
-from lmeasure.trajectory.faults.continuity import Away, Break, Continuity, Stood
-from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts, Shift
+from lmeasure.trajectory.faults.continuity import EVERY, Away, Break, Continuity, Doubt, Doubts, Shift, Stood
 from lmeasure.trajectory.faults.rest_evidence import doubts_of, unseen_steps
 from lmeasure.trajectory.faults.rests import Rests
 

@@ -1,4 +1,4 @@
-"""Information of counts at a pose, which `estimation.information` sums, for a rig's cables.
+"""Information of counts at a pose, which `estimation.observability` sums, for a rig's cables.
 
 Errors at the zero pose are shared by all equations of its cables: the pose, its approach by the robot, the sub-count offset at zeroing.
 These shared errors of the cables are L eta, L L^T their covariance; a pose's own are diag(counts) + P_c U P_c^T. Poses already recorded may

@@ -147,7 +147,7 @@ def _of_point(campaign: Campaign, name: str) -> Campaign:
 
 def solve_point(campaign: Campaign, name: str, settings: CalibrationSettings, roughly: bool = False) -> Point:
     """Coarse solutions, search boxes and the best of several polished starts for one observation
-    point; roughly as in `estimation.fit_result`."""
+    point; roughly as in `estimation.problem`."""
     own = _of_point(campaign, name)
     unknowns = unknowns_of(own, settings.groups)
     # a start, which errors of a typical size hardly move

@@ -24,7 +24,7 @@ from lmeasure.core import BoolArray, FloatArray, IntArray, Status
 from lmeasure.rig import Rig
 from lmeasure.sensors import Lengths, channel_message, last_travel
 from lmeasure.text import Message, message
-from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts
+from lmeasure.trajectory.faults.continuity import EVERY, Doubt, Doubts
 from lmeasure.trajectory.faults.redundancy import Epochs, Parities, Redundancy
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
 

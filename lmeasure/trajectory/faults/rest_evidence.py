@@ -20,8 +20,7 @@ from lmeasure.recording import Recorded
 from lmeasure.rig import Rig
 from lmeasure.sensors import Lengths
 from lmeasure.text import Message, message
-from lmeasure.trajectory.faults.continuity import Away, Break, Continuity, ContinuityFinder, Stood
-from lmeasure.trajectory.faults.doubts import NONE, Doubt, Doubts
+from lmeasure.trajectory.faults.continuity import NONE, Away, Break, Continuity, ContinuityFinder, Doubt, Doubts, Stood
 from lmeasure.trajectory.faults.redundancy import ALONE, CLOSED_COUNTS, CLOSED_MM, CLOSED_SCATTERS
 from lmeasure.trajectory.faults.rests import LEAST_CABLES, NEAR_MM, RestFinder, Rests, ReversalFinder, Reversals
 

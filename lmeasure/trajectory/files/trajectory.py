@@ -56,7 +56,7 @@ class Trajectory(Shown):
     status: IntArray
     """(n,) `Status` of each sample; 0 is ok."""
     cause: TextArray
-    """(n,) cause of a status, a code of `lmeasure.text.sample_messages`."""
+    """(n,) cause of a status, a code of `lmeasure.text`."""
     cable: TextArray
     """(n,) cable of a status; of ok samples, the cables not used."""
     worst_pressure_angle_deg: FloatArray

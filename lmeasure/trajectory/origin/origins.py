@@ -40,7 +40,7 @@ from lmeasure.rig import Observed, Rig
 from lmeasure.sensors import Lengths, changes_from_counts, channel_message
 from lmeasure.text import Message, message
 from lmeasure.trajectory.faults.consistency import IN_TIME, collect_epochs, consistent
-from lmeasure.trajectory.faults.doubts import EVERY, Doubt, Doubts, Shift
+from lmeasure.trajectory.faults.continuity import EVERY, Doubt, Doubts, Shift
 from lmeasure.trajectory.faults.redundancy import Epochs, repeats
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
 from lmeasure.trajectory.uncertainty.sources import ANYWHERE, UNKNOWN_MM, OriginEstimate

@@ -21,7 +21,7 @@ from lmeasure.rig import CalibrationRecord, Rig, Unstated
 from lmeasure.sensors import Lengths, counts_from_poses, recorded_from_counts, span_rows
 from lmeasure.text import message
 from lmeasure.trajectory.faults.consistency import SIGNIFICANCE
-from lmeasure.trajectory.faults.doubts import EVERY, Doubts, shifted
+from lmeasure.trajectory.faults.continuity import EVERY, Doubts, shifted
 from lmeasure.trajectory.faults.redundancy import Epochs
 from lmeasure.trajectory.origin.start import absolute_channels
 from lmeasure.trajectory.reconstruction.run_model import FREEDOMS, RunModel

@@ -1,20 +1,29 @@
 """A run as a whole: its model and its own results for it, its trajectory in one piece or from file to file, its covariances.
 
 A log of ten hours goes from file to file a few pieces at a time, in bounded memory.
+
+A long run over the workers of a cluster: each part by itself, with the bits of the whole.
+
+A part depends on the run before it in three ways only: the state of the counters, the pose, and the cables' direction of travel. This
+process goes through the run once for results of the whole (rests, steps, origins) and once for those, which is about half of the work.
+Workers do the rest, part by part, as soon as a beginning is known; none of them holds more than a few pieces.
 """
 
 import itertools
+import pickle
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.core import BoolArray, FloatArray, Status, TrajectoryError
+from lmeasure.io import PIECE_ROWS, in_order
 from lmeasure.kernels import (
     AXIAL,
     BELIEVED_AT,
@@ -30,7 +39,7 @@ from lmeasure.rig import PHASED, Rig
 from lmeasure.sensors import COUNTER_STATE, Lengths, axial_travel, changes_from_counts, lengths_from_counts, rate_notes, zero_temperature
 from lmeasure.text import Message, and_also, is_of, message
 from lmeasure.trajectory.faults.consistency import RunSamples, collect_epochs, consistent
-from lmeasure.trajectory.faults.doubts import Doubts
+from lmeasure.trajectory.faults.continuity import Doubts
 from lmeasure.trajectory.faults.redundancy import Epochs, detectable_sizes, places_of_reliability, reliability, reliability_notes
 from lmeasure.trajectory.faults.rest_evidence import CLOSURE, Evidence, EvidenceFinder
 from lmeasure.trajectory.files.trajectory import NAMES, Summary, Trajectory
@@ -38,7 +47,14 @@ from lmeasure.trajectory.files.write import trajectory_writer
 from lmeasure.trajectory.origin.origins import settle_origins
 from lmeasure.trajectory.origin.start import find_start, motion_of, zeros_by_motion
 from lmeasure.trajectory.reconstruction.run_model import RunModel, Scheme
-from lmeasure.trajectory.reconstruction.screw_method import COMPILING_PAYS, Reconstruction, by_monte_carlo, poses_from, reconstruction_of
+from lmeasure.trajectory.reconstruction.screw_method import (
+    COMPILING_PAYS,
+    Place,
+    Reconstruction,
+    by_monte_carlo,
+    poses_from,
+    reconstruction_of,
+)
 from lmeasure.trajectory.time.passes import Alignment, align
 from lmeasure.trajectory.uncertainty.budget import CHUNK, RESTORED_ORIGIN, Budget, PoseCovariances
 from lmeasure.trajectory.uncertainty.sources import LIGHT_RAD, PassClock, Situation, needed_zero, zeros_of
@@ -483,3 +499,93 @@ def unused_channels(trajectory: Trajectory, cables: tuple[str, ...]) -> BoolArra
         mask = ok & (trajectory.cable == names)
         out[np.ix_(mask, [cables.index(name) for name in names.split(NAMES) if name in cables])] = True
     return out
+
+
+PIECES = 64  # Pieces of `PIECE_ROWS` samples in a part: about a million samples
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a run: its number, the first sample and where it begins, and how many pieces it has."""
+
+    run: StreamedRun
+    reconstruction: Reconstruction
+    out: Path
+    angles: str | None
+    number: int
+    counters: FloatArray
+    place: Place
+    pieces: int
+
+    @property
+    def first(self) -> int:
+        """Number of its first sample in the run."""
+        return self.number * self.pieces * PIECE_ROWS
+
+
+def reconstruct_in_parts(
+    head: RunHead,
+    out: Path,
+    scheduler: str,
+    constraint: str | None = None,
+    *,
+    angles: str | None = None,
+    progress: Progress | None = None,
+    judge: Judge | None = None,
+    pieces: int = PIECES,
+) -> Summary:
+    """Reconstruct a run for which `can_stream` holds into the files part-00000.parquet, ... of a folder that all workers reach.
+
+    Rows and bits are those of `reconstruct_stream`; pieces: in each part. Raises its errors, and LMeasureError for the scheduler.
+    """
+    if head.counts[0].suffix.lower() != ".parquet":
+        raise TrajectoryError(message("error.parts_need_parquet", where=head.counts[0]))
+    run = StreamedRun.of(head)
+    reconstruction = prepare(run, constraint)
+    summary, notes = Summary(), () if judge is None else judge(reconstruction)
+    # bytes of our own: arrays that come over the wire are read-only, for which kernels would be compiled once more
+    packed: Any = import_module("cloudpickle")
+    begun = _beginnings(run, reconstruction, pieces, progress)
+    tasks = (packed.dumps(Part(run, reconstruction, out, angles, *begin, pieces)) for begin in begun)
+    for part in in_order(scheduler, work_on_part, tasks):
+        summary.join(part)
+    for unfinished in out.glob(".part-*.parquet"):  # of workers that died
+        unfinished.unlink(missing_ok=True)
+    summary.notes += [note for note in notes if note not in summary.notes]
+    return summary
+
+
+def _beginnings(
+    run: StreamedRun, reconstruction: Reconstruction, pieces: int, progress: Progress | None
+) -> Iterator[tuple[int, FloatArray, Place]]:
+    """Yield the number of each part, with the counters and the place at its beginning."""
+    counters, place = run.counters.copy(), reconstruction.beginning
+    begun = 0, counters.copy(), place.copy()
+    yield begun
+    for number, (_, lengths) in enumerate(run.recorded_pieces(reconstruction.doubts, progress, counters=counters)):
+        # counters are those behind this piece, so those before it were kept
+        if number and number % pieces == 0:
+            yield begun
+        reconstruction.follow(lengths, place)
+        begun = (number + 1) // pieces, counters.copy(), place.copy()
+
+
+def work_on_part(packed: bytes) -> Summary:
+    """Reconstruct a part, write its file, whole or not at all, and return its summary."""
+    part: Part = pickle.loads(packed)
+    run, reconstruction, summary = part.run, part.reconstruction, Summary(part.first)
+    covers = covered(reconstruction.budget.covers, run.evidence)
+    kept: list[Lengths] = []
+
+    def lengths() -> Iterator[Lengths]:
+        found = run.recorded_pieces(reconstruction.doubts, first=part.first, counters=part.counters.copy())
+        for _, (_, one) in zip(range(part.pieces), found, strict=False):
+            kept.append(one)
+            yield one
+
+    with trajectory_writer(part.out / f"part-{part.number:05}.parquet", covers, part.angles) as write:
+        for trajectory in reconstruction.trajectories(lengths(), place=part.place):
+            whole = with_evidence(reconstruction, trajectory, kept.pop(), run, covariances=True)
+            write(whole)
+            summary.add(whole)
+    return summary

@@ -1,6 +1,6 @@
 """Trajectory by the screw method (thesis Rashoyan 2021, 5.6), with the uncertainty of every pose.
 
-Where the cables do not determine the pose, notes name the motion that they lost (`linkages.lost_screw`). Logs too short to wait for a
+Where the cables do not determine the pose, notes name the motion that they lost (`linkages.Split`). Logs too short to wait for a
 compiler are solved in NumPy (`follow_together`), the twin of the lane kernel, by the same rule: a whole run is solved at once, started from
 anchors that continuation reaches one from the other, and the result only counts where nothing can be in doubt: every sample starts near,
 converges, keeps the side of the start and stays below 75 degrees of pressure angle. Anything else is left to the compiled kernels, which
@@ -24,7 +24,7 @@ from lmeasure.linkages import Split, pressure_angles
 from lmeasure.rig import kernel_values, with_kernel_values
 from lmeasure.sensors import Lengths, arms, span_lengths, span_rows
 from lmeasure.text import JOINED, Message, and_also, message, without
-from lmeasure.trajectory.faults.doubts import NONE, Doubts
+from lmeasure.trajectory.faults.continuity import NONE, Doubts
 from lmeasure.trajectory.faults.redundancy import Epochs, Redundancy
 from lmeasure.trajectory.files.trajectory import NAMES, Trajectory
 from lmeasure.trajectory.reconstruction.run_model import FREEDOMS, RunModel

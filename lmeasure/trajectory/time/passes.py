@@ -11,7 +11,7 @@ from lmeasure.recording import Counts, Run
 from lmeasure.rig import Rig
 from lmeasure.sensors import Lengths, count_variance, lengths_from_counts
 from lmeasure.text import Message, message
-from lmeasure.trajectory.faults.doubts import Doubts
+from lmeasure.trajectory.faults.continuity import Doubts
 from lmeasure.trajectory.faults.rest_evidence import Evidence, EvidenceFinder
 from lmeasure.trajectory.time.stamps import Stamps, judge_stamps
 from lmeasure.trajectory.uncertainty.sources import PassClock
