@@ -4,7 +4,8 @@ How it becomes fast
 -------------------
 All lanes share an orientation, so the arms of the attachment points are constants of the inner loops. Each stage is one loop over the
 lanes without a branch, which the compiler turns into vector instructions; intermediate rows stay in small buffers of the first-level
-cache. What a unit of each length does to the pose comes without pivots: of six cables by `inverse_twists`, of more by `zone_redundant`. Places
+cache. What a unit of each length does to the pose comes without pivots: of six cables by `inverse_twists`, of more by
+`zone_redundant`. Places
 where that is not sound, or where a figure is not finite, are marked for the pivoted scalar kernel.
 
 Each stage is inlined, so that the compiler sees its rows as constants and vectorises it. Only + - * / and square roots are used, in a fixed
