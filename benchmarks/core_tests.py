@@ -35,20 +35,17 @@ _CAMPAIGNS = [
 _RESIDUALS = [*(name for name in _CAMPAIGNS[:-2] if "laws_of" in name or "encoders" in name), "-k", "laws_of or derivatives_are"]
 CORE = {
     **{f"kernels/{name}.py": [*_FEW, "-k", "few or generalised or zero_pose or definitions"] for name in ("zone", "zone_rows")},
-    **{f"kernels/{name}.py": [*_FEW[:2], "-k", "few"] for name in ("zone_lanes", "zone_linked", "zone_six", "zone_redundant")},
+    **{f"kernels/{name}.py": [*_FEW[:2], "-k", "few"] for name in ("zone_lanes", "zone_linked", "zone_redundant")},
     "kernels/cable.py": ["tests/kernels/test_cable.py", "-k", "not on_its_axis"],
     "kernels/counter.py": ["tests/kernels/test_counter.py", "tests/acquisition/test_counters.py"],
     "kernels/screw.py": ["tests/kernels/test_screw.py"],
     "kernels/lanes.py": ["tests/kernels/test_lanes.py", "-k", "few_samples or 75_degrees_in"],
-    **{
-        f"kernels/{name}.py": [
-            "tests/kernels/test_followed_channels.py",
-            "tests/sensors/test_fast_paths.py",
-            "-k",
-            "test_followed_channels or few_samples",
-        ]
-        for name in ("least_squares", "damped")
-    },
+    "kernels/least_squares.py": [
+        "tests/kernels/test_followed_channels.py",
+        "tests/sensors/test_fast_paths.py",
+        "-k",
+        "test_followed_channels or few_samples",
+    ],
     "linkages/singularity.py": [
         f"tests/linkages/test_{name}.py" for name in ("singularity", "around_singular_poses", "links", "architecture", "proofs")
     ],
