@@ -63,7 +63,7 @@ def convention(name: str) -> AngleConvention:
     """The convention of that name; FileFormatError names the known ones."""
     every = CONVENTIONS | OF_DOCUMENTS
     if name not in every:
-        raise FileFormatError(f"angles = {name!r} is not a known convention; known: {', '.join(every)}")
+        raise FileFormatError(f"angles = {name!r} is not a known convention. Use one of {', '.join(every)}")
     return every[name]
 
 
@@ -72,7 +72,7 @@ def check_angles(values: ArrayLike, what: str) -> None:
     numbers = np.atleast_1d(np.asarray(values, dtype=np.float64))
     bad = np.abs(numbers) > LARGEST_ANGLE
     if bad.any():
-        raise FileFormatError(f"{what}: an angle of {numbers[bad][0]:g}; {LARGEST_ANGLE:g} is the most")
+        raise FileFormatError(f"{what}: an angle of {numbers[bad][0]:g} is too large. The limit is {LARGEST_ANGLE:g}")
 
 
 def rotation_from_angles(name: str, angles: ArrayLike) -> "Rotation":
@@ -170,4 +170,4 @@ def check_temperature(values: ArrayLike, what: str) -> None:
     low, high = TEMPERATURE_RANGE_C
     bad = ~((numbers >= low) & (numbers <= high))
     if bad.any():
-        raise FileFormatError(f"{what} = {numbers[bad][0]:g}; a temperature is between {low:g} and {high:g} deg C")
+        raise FileFormatError(f"{what} = {numbers[bad][0]:g} is no temperature. State it in deg C, between {low:g} and {high:g}")

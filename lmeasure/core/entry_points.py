@@ -102,7 +102,7 @@ def check_kind(suffixes: object, *functions: object) -> None:
     if not all(isinstance(one, str) and one[:1] == "." and one == one.lower() for one in stated):
         raise TypeError(f'suffixes must be a tuple of texts such as ".log", in small letters, not {suffixes!r}')
     if wrong := [one for one in functions if not callable(one)]:
-        raise TypeError(f"{wrong[0]!r} is no function")
+        raise TypeError(f"{wrong[0]!r} is no function. Give a function")
 
 
 def plug_in_of(error: BaseException) -> str:

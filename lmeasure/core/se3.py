@@ -134,7 +134,7 @@ def _quaternions(a_from_b: ArrayLike) -> FloatArray:
     q = np.asarray(a_from_b, dtype=np.float64)[..., 3:]
     norm = np.linalg.norm(q, axis=-1, keepdims=True)
     if not (norm > 0.0).all():
-        raise ValueError("a pose whose quaternion has no length")
+        raise ValueError("a pose has a quaternion of zero length. State one of length 1")
     return np.asarray(q / norm)
 
 

@@ -227,7 +227,7 @@ def test_where_eight_cables_do_not_determine_the_pose_they_say_so() -> None:
 
 def test_five_cables_are_still_refused() -> None:
     rig = cell(0, 8)
-    with pytest.raises(RigError, match="has 5 cables; a pose is reconstructed from at least 6"):
+    with pytest.raises(RigError, match=r"has 5 cables. A pose is reconstructed from at least 6"):
         scan_zone(
             rig.model_copy(update={"cable": rig.cable[3:]}), None, x=np.zeros(1), y=np.zeros(1), z=np.zeros(1),
             rotations=Rotation.identity(1),

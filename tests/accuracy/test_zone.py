@@ -81,7 +81,7 @@ def test_no_pose_of_the_published_rig_lies_within_60_degrees() -> None:
 def test_limit_of_the_thesis() -> None:
     assert limit_from_accuracy(0.025, 0.05) == pytest.approx(60.0, abs=1e-12)
     assert limit_from_accuracy(0.0125, 0.05) == pytest.approx(75.522, abs=5e-4)
-    with pytest.raises(AccuracyError, match="cannot be asked"):
+    with pytest.raises(AccuracyError, match="is impossible with"):
         limit_from_accuracy(0.05, 0.025)
 
 

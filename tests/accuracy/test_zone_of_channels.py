@@ -169,7 +169,7 @@ def test_six_channels_tell_a_pose_and_no_fault() -> None:
     with pytest.raises(AccuracyError, match="six channels for six unknowns"):
         map_zone(rig, None, nodes, turns, scan=Scan(reliability=True))
     data = rig.to_dict()
-    with pytest.raises(RigError, match="has 5 channels; a pose needs at least 6"):
+    with pytest.raises(RigError, match=r"has 5 channels. A pose needs at least 6"):
         map_zone(rig_from_dict(data | {"swivel": data["swivel"][:2]}), None, nodes, turns)
 
 

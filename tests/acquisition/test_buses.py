@@ -172,7 +172,7 @@ def test_slcan_on_a_serial_port(tmp_path: Path) -> None:
     ("bus", "complaint"),
     [
         ("can0", "give INTERFACE:CHANNEL"),
-        ("sockercan:can0", "'sockercan' is no interface; known: .*socketcan"),
+        ("sockercan:can0", "'sockercan' is no interface. Known: .*socketcan"),
         ("slcan:/dev/no-such-port", "slcan:/dev/no-such-port: cannot be opened: .*; `lmeasure scan` lists the adapters of this machine"),
         ("socketcand:can0", "cannot be opened"),
         ("replay:absent.blf", "absent.blf: cannot be read"),

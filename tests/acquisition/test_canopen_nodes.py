@@ -113,17 +113,21 @@ def test_this_program_can_produce_the_sync(tmp_path: Path) -> None:
     [
         ({}, rig_of(channels=[BOTH[0], BOTH[1] | {"node": 8}]), "node 8 .channel ch2. does not answer; on the bus: 5, 9"),
         ({"device_type": 0x191}, rig_of(), "its device profile is 401, not that of encoders, 406"),
-        ({"units": 4096}, rig_of(), "counts 4096 per revolution .6001h., the rig says 6000"),
+        ({"units": 4096}, rig_of(), "counts 4096 per revolution .6001h., but the rig states 6000"),
         ({"range": 65536}, rig_of(channels=[BOTH[0] | {"range": 36000}, BOTH[1]]), "range is 65536 units"),
         ({"range": 36000}, rig_of({"counter_bits": 16}), "counts 36000 counts, but its drum states counter_bits = 16"),
-        ({"sync_id": 0x85}, rig_of(), "listens to SYNC 0x85 .1005h., the rig says sync_id = 0x80"),
+        ({"sync_id": 0x85}, rig_of(), "listens to SYNC 0x85 .1005h., but the rig states sync_id = 0x80"),
         ({"sync_type": 254}, rig_of(), "no transmit PDO sends its position after each SYNC; it is in TPDO1 of type 254, TPDO2 of type 254"),
         ({}, rig_of(timing="free"), "its timer is off .6200h"),
-        ({}, rig_of(channels=[BOTH[0] | {"cob_id": 0x185}, BOTH[1]]), "its position in 0x285, bit 0, 32 bits, the rig says cob_id = 0x185"),
+        (
+            {},
+            rig_of(channels=[BOTH[0] | {"cob_id": 0x185}, BOTH[1]]),
+            "its position in 0x285, bit 0, 32 bits, but the rig states cob_id = 0x185",
+        ),
         (
             {},
             rig_of(channels=[BOTH[0] | {"serial": 9009}, BOTH[1] | {"serial": 9005}]),
-            "its serial number is 9005, the rig says 9009; that one is node 9 .channel ch2.: the two are swapped",
+            "its serial number is 9005, but the rig states 9009; that one is node 9 .channel ch2.: the two are swapped",
         ),
     ],
 )
@@ -153,7 +157,7 @@ def test_two_encoders_that_come_back_in_each_others_places_end_the_recording(tmp
 def test_an_empty_bus_and_a_simulated_cell_have_nobody_to_ask(tmp_path: Path) -> None:
     with pytest.raises(AcquisitionError, match=r"node 5 .channel ch1. does not answer; no node answers at all"):
         connect(rig_of(), tmp_path, f"virtual:{virtual_place()}")
-    with pytest.raises(AcquisitionError, match=r"asked over CANopen .decoder 'cia406'., and the simulated cell has none"):
+    with pytest.raises(AcquisitionError, match=r"need CANopen .decoder 'cia406'., which the simulated cell does not have"):
         connect(rig_of(), tmp_path, "simulated:scenario.toml")
 
 
@@ -183,7 +187,7 @@ def test_a_log_has_nobody_to_ask_and_holds_the_pdo_of_the_profile(first_id: int,
 
 def test_a_log_without_the_encoders_is_refused_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(
-        AcquisitionError, match=r"drive\.blf: channel ch1: not one count in frames 285; identifiers in the log: 080, 385, 389"
+        AcquisitionError, match=r"drive\.blf: channel ch1: not one count in frames 285. Identifiers in the log: 080, 385, 389"
     ):
         import_logs([answers_log(tmp_path / "drive.blf", 0x380)], rig_of(), START)
 

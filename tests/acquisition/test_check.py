@@ -163,7 +163,7 @@ def test_a_channel_that_does_not_show_stops_the_test() -> None:
 @pytest.mark.parametrize(
     ("faults", "code", "verdicts", "error"),
     [
-        ({}, 0, ["c1 ch1 ch1 +1 100.0 +0.000 6000 / 6000 ok", "c2 ch2 ch2 +1 100.0 +0.000 6000 / 6000 ok", "no corrections"], ""),
+        ({}, 0, ["c1 ch1 ch1 +1 100.0 +0.000 6000 / 6000 ok", "c2 ch2 ch2 +1 100.0 +0.000 6000 / 6000 ok", "No corrections"], ""),
         (
             {"wiring": [1, 0], "turns": False, "sign": -1, "foreign": 0x1F5},
             1,
@@ -281,13 +281,13 @@ def with_encoders(**swivel: Any) -> Rig:
                 "swivel of B2: channel sw1 turned, but the rig has channel sw2",
                 "swivel of B2: counts up, but the rig has count_sign = -1",
             ],
-            ["swivel of B1: channel sw1 -> sw2; check that zero_deg belongs to this encoder", "swivel of B2: count_sign -1 -> 1"],
+            ["swivel of B1: channel sw1 -> sw2. Check that zero_deg belongs to this encoder", "swivel of B2: count_sign -1 -> 1"],
         ),
         pytest.param(
             {"codes": 2**15, "play_deg": 4.0, "encoders": [0, 2, 2]},
             [
                 "swivel of B1: came back +1.10 degrees from its start: it is loose on its shaft, or the cable slips",
-                "swivel of B1: turned by 12 degrees with counts_per_revolution = 131072; if you turned it by about 45,",
+                "swivel of B1: turned by 12 degrees with counts_per_revolution = 131072. If you turned it by about 45,",
                 "swivel of B2: no swivel turned by 5 degrees, but level moved by 12 degrees",
             ],
             [],
@@ -342,16 +342,16 @@ def test_what_a_cable_that_did_not_move_leaves_open_is_said_and_not_guessed(tmp_
     reported = check_workflow.run_check(settings, ask=lambda step: "").summary
     assert reported == (
         "drum of B6: count_sign 1 -> -1",
-        "channels are unchanged, because some cables share a channel or moved none; check again, then --write",
-        f"written: {tmp_path / 'wired.toml'}; check it again",
+        "channels are unchanged, because some cables share a channel or moved none. Check again, then --write",
+        f"written: {tmp_path / 'wired.toml'}. Check it again",
     )
     wired = read_rig(tmp_path / "wired.toml")
     assert [c.channel for c in wired.cable] == [c.channel for c in RIG.cable]
     assert [p.drum.count_sign for p in wired.observation_point] == [1, 1, 1, 1, 1, -1]
     seen[5] = CableCheck("c6", "ch6", "ch6", 1)
     reported = check_workflow.run_check(settings.model_copy(update={"force": True}), ask=lambda step: "").summary
-    assert reported[0].startswith("channels are unchanged, because some cables share a channel or moved none; check again, then --write")
-    assert reported[1].endswith("check it again")  # "with nothing to correct" is of a rig that is right
+    assert reported[0].startswith("channels are unchanged, because some cables share a channel or moved none. Check again, then --write")
+    assert reported[1].endswith("Check it again")  # "with nothing to correct" is of a rig that is right
 
 
 def test_who_else_is_on_the_bus_is_named() -> None:
@@ -360,10 +360,10 @@ def test_who_else_is_on_the_bus_is_named() -> None:
     assert watched((0x80, 100), *six).twice() == []
     assert watched((0x80, 100), *six, (0x2A0, 7)).foreign() == ["2A0h (7 frames)"]
     assert watched((0x80, 100), *six, (0x183, 100)).twice() == [
-        "channel ch3: 200 frames 183h for 100 SYNCs; several devices send this identifier"
+        "channel ch3: 200 frames 183h for 100 SYNCs. Several devices send this identifier"
     ]
     (line,) = watched((0x80, 200), *six).twice()
-    assert line == "200 SYNCs for 100 frames of one counter; several programs send SYNC, such as a second recording"
+    assert line == "200 SYNCs for 100 frames of one counter. Several programs send SYNC, such as a second recording"
 
 
 @pytest.mark.parametrize(
@@ -371,14 +371,14 @@ def test_who_else_is_on_the_bus_is_named() -> None:
     [
         ([(-1, 40)], "40 error frames and none that can be read: another bit rate than the 500000 bit/s of the rig, or a line without"),
         ([], "no frame at all: nothing is connected or switched on, or another bit rate"),
-        ([(0x300, 9), (0x80, 9)], "frames come, but of 300h (9 frames); the rig's counters are in 181h, 182h"),
+        ([(0x300, 9), (0x80, 9)], "frames come, but of 300h (9 frames). The rig's counters are in 181h, 182h"),
         (
             [(0x80, 9), (0x181, 9), (0x300, 7)],
-            "its counters' frames do not come; there are frames of 300h (7 frames), which the rig does not name",
+            "its counters' frames do not come. There are frames of 300h (7 frames), which the rig does not name",
         ),
         (
             [(0x80, 90), (0x181, 90), (0x182, 180), (0x300, 7)],
-            "channel ch2: 180 frames 182h for 90 SYNCs; several devices send this identifier",
+            "channel ch2: 180 frames 182h for 90 SYNCs. Several devices send this identifier",
         ),
         ([(0x181, 9), (0x300, 9)], "the counters' frames arrive, but no SYNC 080h: no device sends it, or sync_id of the rig is wrong"),
     ],

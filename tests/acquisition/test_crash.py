@@ -139,7 +139,7 @@ def test_a_full_disk_ends_the_recording_and_says_so(recorders: Recorders) -> Non
     recorders.start("full", full)
     assert recorders.wait() == 1
     said = (recorders.folder / "full.txt").read_text().splitlines()
-    assert said[-1].endswith("pass1.log: cannot be written: File too large; no file may be so large there; write to another disk")
+    assert said[-1].endswith("pass1.log: cannot be written: File too large; no file may be so large there. Write to another disk")
     assert "ended early, everything before is kept" in said[-1]
     assert "samples from" in said[0]
     assert_readable_prefix(recorders.folder / "full", recorders.recorded, 100)

@@ -63,7 +63,7 @@ def test_twelve_channels_are_recorded_live_without_a_start(tmp_path: Path) -> No
         process.send_signal(signal.SIGINT)
         said, live = process.communicate()
     assert process.returncode == 0, live
-    assert "note: no --start pose; the absolute encoders must determine it" in said
+    assert "note: no --start pose. The absolute encoders must determine it" in said
     assert "pose: (" in live
     run = read_run(tmp_path / "run")
     assert run.start is None

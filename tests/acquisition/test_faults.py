@@ -67,7 +67,7 @@ def test_the_bus_goes_off_and_comes_back(tmp_path: Path) -> None:
     recording, run, events = record_frames(RIG, FRAMES, tmp_path / "run", pull_the_plug)
     assert recording.ended == "complete"
     assert recording.faults["bus_off"] == 1
-    assert "open again after" in events["text"][events["kind"].index("bus_off")]
+    assert "It was opened again after" in events["text"][events["kind"].index("bus_off")]
     counts = run.passes[0]
     # what is there is right, at its own time, on both sides of the hole
     sample = np.rint((counts.time_s + 0.0) * 1000).astype(int)

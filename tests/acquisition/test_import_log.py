@@ -123,7 +123,7 @@ def test_without_a_start_pose_it_is_unknown(tmp_path: Path) -> None:
     write_rig(tmp_path / "rig.toml", six_cables())
     done = lmeasure("import", path, "--rig", tmp_path / "rig.toml", "--out", tmp_path / "run")
     assert done.returncode == 0, done.stderr
-    assert f"note: no start pose; state [start] in {tmp_path / 'run' / 'run.toml'}" in done.stdout
+    assert f"note: no start pose. State [start] in {tmp_path / 'run' / 'run.toml'}" in done.stdout
     assert "start" not in files.read_toml(tmp_path / "run" / "run.toml")
     assert read_run(tmp_path / "run").start is None
 
@@ -170,7 +170,7 @@ def test_buses(tmp_path: Path) -> None:
         m.channel = 1
     both = sorted(log + twin, key=lambda m: m.timestamp)
     path = write(tmp_path / "both.blf", both)
-    with pytest.raises(AcquisitionError, match=r"both\.blf: (channel ch1|SYNC) is on buses 0, 1; name one with --bus"):
+    with pytest.raises(AcquisitionError, match=r"both\.blf: (channel ch1|SYNC) is on buses 0, 1. Name one with --bus"):
         import_logs([path], six_cables(), START_POSE)
     for bus, alone in (("0", log), ("1", twin)):
         found = import_logs([path], six_cables(), START_POSE, bus=bus).run.passes[0].recorded
@@ -194,7 +194,7 @@ def test_passes(tmp_path: Path) -> None:
     for counts, log in zip(imported.run.passes, logs, strict=True):
         assert counts.channels == ("ch1", "ch2", "ch3")
         assert np.array_equal(counts.recorded, counts_of(log)[:, :3])
-    with pytest.raises(AcquisitionError, match="need 2 passes, one log each; 1 given"):
+    with pytest.raises(AcquisitionError, match="need 2 passes, one log each, but 1 given"):
         import_logs(paths[:1], rig, START_POSE)
 
 
@@ -336,7 +336,7 @@ def test_what_the_log_lacks_is_said(tmp_path: Path) -> None:
     with pytest.raises(AcquisitionError, match=r"drive\.log: \d+ frames, but no SYNC 0x80"):
         import_logs([write(tmp_path / "drive.log", log)], rig, START_POSE)
     log = [m for m in counter_log(30, 12) if m.arbitration_id != 0x184]
-    with pytest.raises(AcquisitionError, match=r"less\.log: channel ch4: not one count in frames 184; identifiers in the log: "):
+    with pytest.raises(AcquisitionError, match=r"less\.log: channel ch4: not one count in frames 184. Identifiers in the log: "):
         import_logs([write(tmp_path / "less.log", log)], rig, START_POSE)
 
 

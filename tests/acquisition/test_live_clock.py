@@ -58,8 +58,8 @@ def test_counters_that_can_pass_half_their_range_are_named_before_anything_is_re
     rig = rig_from_dict(fast.to_dict() | {"can": table})
     (note,) = range_notes(rig, counter_fields(rig))
     assert note == (
-        "ch1, ch2, ch3, ch4, ch5, ch6: at 20000 mm/s, 65536 counts (half the range) pass in 19.7 ms; "
-        "state a smaller max_cable_speed_mm_s, or keep the SYNC period below 9 ms"
+        "ch1, ch2, ch3, ch4, ch5, ch6: at 20000 mm/s, 65536 counts (half the range) pass in 19.7 ms. "
+        "State a smaller max_cable_speed_mm_s, or keep the SYNC period below 9 ms"
     )
     assert range_notes(rig, counter_fields(rig), period_s=0.01)
     assert not range_notes(rig, counter_fields(rig), period_s=0.005)

@@ -97,7 +97,7 @@ def test_trc_1_2_and_errors_of_the_adapter(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (";$FILEVERSION=3.0\n 1 1.0 DT 1 0300 Rx - 1 05\n", "is TRC of version '3.0'; 1.0 to 1.3, 2.0 and 2.1 are read"),
+        (";$FILEVERSION=3.0\n 1 1.0 DT 1 0300 Rx - 1 05\n", "is TRC of version '3.0'. Readable versions are 1.0 to 1.3, 2.0 and 2.1"),
         (";$FILEVERSION=2.1\n 1 1.0 DT 1 0300 Rx - 1 05\n", "has no line ;$COLUMNS= before its frames"),
         (";$FILEVERSION=2.1\n;$COLUMNS=N,O,T,B,I,d,R,D\n 1 1.0 DT 1 0300 Rx - 1 05\n", "column L is missing"),
     ],

@@ -130,7 +130,7 @@ def test_a_recorder_that_was_killed(tmp_path: Path) -> None:
     writer.file.close()
     assert found == library_rows(path)[0]
     assert len(found) > 150
-    assert report.notes()[0] == "ended early: the recorder did not close the file; everything before it was read"
+    assert report.notes()[0] == "ended early: the recorder did not close the file. Everything before it was read"
 
 
 # BLF objects that python-can's writer does not write --------------------------------------------------------------------------------
@@ -187,7 +187,7 @@ def test_blf_that_contradicts_itself_ends_there(tmp_path: Path, name: str) -> No
     path.write_bytes(blf(blf_object(1, can_message()) + BROKEN[name] + blf_object(1, can_message())))
     found, report = read_rows(path)
     assert len(found) == 1
-    assert report.notes()[0] == "ended early: after frame 1 an object contradicts itself; everything before it was read"
+    assert report.notes()[0] == "ended early: after frame 1 an object contradicts itself. Everything before it was read"
 
 
 def container(body: bytes, *, size: int | None = None, unpacked: int = 0) -> bytes:
@@ -224,9 +224,9 @@ def test_sizes_are_not_believed(tmp_path: Path) -> None:
     [
         ("log.blf", b"no log at all", "does not begin with LOGG"),
         ("log.blf", b"LOGG\x90\0\0\0", "breaks off inside the file header"),
-        ("log.blf", b"LOGG" + bytes(140), "the file header says it is 0 bytes long"),
+        ("log.blf", b"LOGG" + bytes(140), "its file header states a length of 0 bytes"),
         ("log.blf", b"", "is empty"),
-        ("log.txt", b"some text\n", "it begins with 'some text'; for others, open it in SavvyCAN"),
+        ("log.txt", b"some text\n", "it begins with 'some text'. For others, open it in SavvyCAN"),
         ("log.log", b"***BUSMASTER Ver 3.2.2***\n", "a BUSMASTER log: open it in SavvyCAN and save it as GVRET log (.csv)"),
         ("log.txt", b"1320745424.000 1R11 181 01 02\n", "a CRTD log: open it in SavvyCAN"),
         ("log.pcapng", b"x", "a capture of Wireshark: open it in SavvyCAN"),

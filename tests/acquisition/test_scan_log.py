@@ -148,7 +148,7 @@ def test_a_log_in_which_nothing_moved_says_so(tmp_path: Path) -> None:
     (tmp_path / "still.log").write_bytes(candump_lines(noise(time_s, 0x181, np.tile([1, 2, 3, 0], (50, 1)))))
     scan = scan_log(tmp_path / "still.log")
     assert scan.table() == []
-    assert scan.lines()[-1] == "no byte changes like a counter; log again while the robot moves"
+    assert scan.lines()[-1] == "no byte changes like a counter. Log again while the robot moves"
     (tmp_path / "none.log").write_text("(0.000000) can0 20000080#\n")
     with pytest.raises(FileFormatError, match="contains no CAN frame"):
         scan_log(tmp_path / "none.log")
@@ -162,10 +162,10 @@ def test_the_command_scans_without_a_rig_and_asks_for_one_otherwise(log: Path) -
 @pytest.mark.parametrize(
     ("words", "reported"),
     [
-        (["--position-mm", "0", "0", "0"], "how the tool was turned is missing: give --quaternion-xyzw too, or all by --start X,Y,Z,O,A,T"),
-        (["--quaternion-xyzw", "0", "0", "0", "1"], "where the tool was is missing: give --position-mm too"),
+        (["--position-mm", "0", "0", "0"], "How the tool was turned is missing: give --quaternion-xyzw too, or all by --start X,Y,Z,O,A,T"),
+        (["--quaternion-xyzw", "0", "0", "0", "1"], "Where the tool was is missing: give --position-mm too"),
         (["--start", "0,0,0,0,-90,90", "--position-mm", "0", "0", "0"], "is given, and so is --position-mm"),
-        (["--start", "0,0,0,0,-90"], "'0,0,0,0,-90' is 5 numbers; wanted are x,y,z in mm and three angles"),
+        (["--start", "0,0,0,0,-90"], "'0,0,0,0,-90' is 5 numbers. Wanted are x,y,z in mm and three angles"),
     ],
 )
 def test_half_a_start_pose_is_asked_for_by_name(words: list[str], reported: str, log: Path, tmp_path: Path) -> None:

@@ -154,7 +154,7 @@ def test_fd_frames_of_blf_with_headers_of_version_3(tmp_path: Path) -> None:
     body = struct.pack("<BBBBLLLLLLLHBBL", 2, 9, 12, 0, 0x123, 0, 0x1000, 0, 0, 0, 0, 0, 0, 0, 0) + bytes(range(12))
     frames, report = read(tmp_path / "log.blf", blf(blf_object(101, body, 3), 1, blf_object(101, body)))
     assert (frames.length.tolist(), len(report.remarks)) == ([12, 12], 1)
-    assert "the header states 1 objects; 2 are there, and all were read" in report.notes()[0]
+    assert "the header states 1 objects, but there are 2, and all were read" in report.notes()[0]
 
 
 def test_error_frames_of_blf_are_frames(tmp_path: Path) -> None:

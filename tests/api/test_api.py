@@ -179,7 +179,7 @@ def test_every_object_is_drawn_and_shown(nouns: dict[str, Any]) -> None:
         frame = noun.to_frame()
         assert len(frame), name
         assert len(frame.columns), name
-    with pytest.raises(LMeasureError, match="dict is nothing that can be drawn; what can: Rig, "):
+    with pytest.raises(LMeasureError, match=r"dict cannot be drawn. These can: Rig, "):
         lm.plot({})
 
 
@@ -241,7 +241,7 @@ def test_keywords_are_the_settings(nouns: dict[str, Any]) -> None:
     with pytest.raises(TypeError, match=r"evaluate\(\) has no option 'capabilty'; options: .*capability"):
         lm.evaluate(nouns["trajectory"], poses, capabilty=0.5)
     assert lm.zone(nouns["rig"], AXIS, AXIS, np.array([0.0]), angle_deg=30.0).attrs["limit_deg"] == 30.0
-    with pytest.raises(CalibrationError, match="say where the robot may go"):
+    with pytest.raises(CalibrationError, match="state where the robot may go"):
         lm.plan_poses(nouns["rig"])
     plan = lm.plan_program([0.0] * 3, [100.0] * 3, tests=("pose",), cycles={"pose": 2}, speeds_percent=(100.0,))
     assert [p.name for p in plan.program.pose] == ["P1", "P2", "P3", "P4", "P5"]

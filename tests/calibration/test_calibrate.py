@@ -191,7 +191,7 @@ def folder_with(tmp_path: Path, **texts: str) -> Path:
         ("counts", lambda t: t.replace("\n2,", "\nother,"), "pose: 'other' is not in reference_poses.csv"),
         ("counts", lambda t: t + t.splitlines()[-1].replace(",", ",9").replace("9-", "-9") + "\n", "mm between readings of one dwell"),
         ("counts", lambda t: t.replace("ch3", "xx"), "column 'ch3' is missing"),
-        ("counts", lambda t: "\n".join(t.splitlines()[:2]) + "\n", "2 are the least"),
+        ("counts", lambda t: "\n".join(t.splitlines()[:2]) + "\n", "At least 2 are needed"),
         ("counts", lambda t: t.splitlines()[0] + "\n", "has no rows"),
         ("reference_poses", lambda t: t.replace("o_deg", "phi"), "needs the columns"),
         ("reference_poses", lambda t: t.replace("\n3,", "\n2,"), "is given 2 times"),

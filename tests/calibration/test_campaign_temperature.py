@@ -36,4 +36,4 @@ def test_a_rig_that_grows_wants_to_know_how_warm_it_was() -> None:
     base = campaign()
     grown = replace(base, rig=base.rig.model_copy(update={"frame_expansion_per_k": 1.2e-5}))
     (warning,) = [w for w in calibrate(grown).record.warnings if w.code == "temperature"]
-    assert warning.text == "the rig has expansion coefficients, but no file has a temperature_c; the rig's reference, 20 deg C, is used"
+    assert warning.text == "the rig has expansion coefficients, but no file has a temperature_c. The rig's reference, 20 deg C, is used"

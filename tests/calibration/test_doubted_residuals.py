@@ -79,7 +79,7 @@ def test_what_nothing_explains_is_carried_into_lengths_by_the_likeliest_size(tim
     np.testing.assert_allclose(determined.u_length_mm, likeliest(found), atol=1e-4)
     (finding,) = determined.findings
     assert finding.code == "misfit"
-    assert "first check the causes above (ch1)" in str(finding.text)
+    assert "First check the causes above (ch1)" in str(finding.text)
 
 
 def test_a_noise_somewhat_larger_than_stated_is_an_estimated_one() -> None:
@@ -167,7 +167,7 @@ def test_twelve_degrees_of_freedom_tell_how_uncertain_poses_are(left: int, telli
     assert isinstance(found.problem, Model)
     determined = explain_misfit(found.problem, found, [])
     (finding,) = determined.findings
-    assert ("is estimated from the residuals" if telling else "too few residuals to estimate it; 0.1 mm") in str(finding.text)
+    assert ("is estimated from the residuals" if telling else "too few residuals are left to estimate it. 0.1 mm") in str(finding.text)
     assert finding.value is not None
     np.testing.assert_allclose(determined.model.noise.u_position_mm, finding.value)
     assert (1e-4 < finding.value < 0.012) if telling else finding.value == 0.1

@@ -91,13 +91,13 @@ def test_a_tracker_s_covariance_is_that_of_drawn_poses(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("columns", "text"),
     [
-        ({"u_x_mm": 0.1}, "column 'u_y_mm' is missing; 'u_x_mm' is there"),
-        (AXES | {"u_position_mm": 0.1}, "has 'u_x_mm' and 'u_position_mm'; one of them"),
+        ({"u_x_mm": 0.1}, "column 'u_y_mm' is missing, but 'u_x_mm' is present"),
+        (AXES | {"u_position_mm": 0.1}, "has 'u_x_mm' and 'u_position_mm'. State"),
         (AXES | {"u_rx_deg": -0.1}, "column 'u_rx_deg': a standard uncertainty is negative"),
         (AXES | {"rho_x_y": 1.5}, ":2: no six quantities can have these correlations"),
         (AXES | {"rho_x_x": 0.5}, "column 'rho_x_x': a correlation is named by two of rx, ry, rz, x, y, z"),
         ({"u_repeatability_mm": -1.0}, "column 'u_repeatability_mm': a standard uncertainty is negative"),
-        ({"temperature_c": 500.0}, "column 'temperature_c' = 500; a temperature is between"),
+        ({"temperature_c": 500.0}, "column 'temperature_c' = 500 is no temperature"),
     ],
 )
 def test_columns_that_cannot_be(tmp_path: Path, columns: dict[str, float], text: str) -> None:
@@ -182,11 +182,11 @@ def test_a_channel_that_never_counts_is_refused_unless_its_cable_may_have_kept_i
     """All counts zero: an encoder that is not connected, or a braked winch. The rig says so, or its geometry does."""
     folder = folder_of(tmp_path)
     edit(folder / "counts.csv", lambda c: c | {"ch1": np.zeros(12)})
-    with pytest.raises(CalibrationError, match="channel ch1 does not move: all its counts are zero, where the nominal rig has"):
+    with pytest.raises(CalibrationError, match="channel ch1 does not move: all its counts are zero, but the cable of the nominal rig"):
         read_campaign(folder)
     rig = (folder / "rig.toml").read_text(encoding="utf-8")
     (folder / "rig.toml").write_text(rig.replace("count_sign = 1\n", "count_sign = 1\nbraked = true\n"), encoding="utf-8")
-    note = "channel ch1: all counts are zero, so its cable counts as unchanged in length; check the encoder"
+    note = "channel ch1: all counts are zero, so its cable counts as unchanged in length. Check the encoder"
     assert note in read_campaign(folder).notes
     (folder / "rig.toml").write_text(rig, encoding="utf-8")
     monkeypatch.setattr("lmeasure.calibration.campaign.files.STILL_PART", 2.0)

@@ -237,7 +237,7 @@ def test_the_command_writes_the_poses_it_found(tmp_path: Path) -> None:
     assert np.sqrt(np.mean(place**2)) < 0.05
     assert len(json.loads((tmp_path / "out" / "calibration.json").read_text())["poses"]) == 40
     assert (
-        "6 motions of rig and poses together are free; the frame minimizes the shifts from"
+        "6 motions of rig and poses together are free. The frame minimizes the shifts from"
         in (tmp_path / "out" / "report.html").read_text()
     )
     refused("calibrate", tmp_path / "folder", "--out", tmp_path / "out", "--frame", "floor", code=2)

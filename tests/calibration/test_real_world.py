@@ -116,7 +116,7 @@ def test_residuals_are_no_measure_beside_a_channel_that_was_named(monkeypatch: p
         explained = explain_misfit(model, found, ["c2", "slip"])
         assert [w.code for w in explained.findings] == codes
         rms = float(np.sqrt(np.mean(found.residuals**2)))
-        assert explained.findings[-1].text == f"residuals of {rms:.3g} mm rms exceed the noise; first check the causes above (c2, slip)"
+        assert explained.findings[-1].text == f"residuals of {rms:.3g} mm rms exceed the noise. First check the causes above (c2, slip)"
         assert explained.findings[-1].value == rms
         assert explained.model is model
         excess = found.chi2 / found.freedom

@@ -38,7 +38,7 @@ def test_a_table_of_another_program_is_the_same_campaign(tmp_path: Path) -> None
     assert got.poses.rows == pytest.approx(ours.poses.rows, abs=1e-8)
     assert got.counts == pytest.approx(ours.counts)
     assert "position" in got.poses.absent
-    with pytest.raises(LMeasureError, match=r"column 'pose' is missing; it has Größe Punkt, X, .*--columns says which column is which"):
+    with pytest.raises(LMeasureError, match=r"column 'pose' is missing. It has Größe Punkt, X, .*assign the columns with --columns"):
         read_campaign(other, columns_of(""))
 
 
@@ -57,7 +57,7 @@ def test_positions_in_another_unit_are_refused_by_name(size: float, unit: str, t
     head, *given = rows()
     lines = [head, *([name, *(repr(float(c) / size) for c in cells[:3]), *cells[3:]] for name, *cells in given)]
     campaign = read_campaign(folder(tmp_path / unit, "\n".join(",".join(line) for line in lines).encode()))
-    with pytest.raises(CalibrationError, match=rf"^poses\.csv: its positions are {unit} where they are said to be millimetres"):
+    with pytest.raises(CalibrationError, match=rf"^poses\.csv: its positions are {unit}, not millimetres"):
         without_slips(campaign, "poses.csv")
     assert without_slips(read_campaign(CELL), "poses.csv").notes == read_campaign(CELL).notes
 

@@ -121,5 +121,5 @@ def test_references_name_one_source(tmp_path: Path) -> None:
     path.write_text("\n".join([head + ",reference", *(row + ",robot" for row in rows)]))
     assert read_campaign(tmp_path).source == "robot"
     path.write_text("\n".join([head + ",reference", *(row + ",robot" for row in rows[:-1]), rows[-1] + ",laser"]))
-    with pytest.raises(FileFormatError, match="'robot', 'laser'; write one of tracker, robot, unknown in every row"):
+    with pytest.raises(FileFormatError, match=r"'robot', 'laser'. Write one of tracker, robot, unknown in every row"):
         read_campaign(tmp_path)

@@ -232,7 +232,7 @@ def test_a_figure_changed_with_care_is_found_by_computing_it_again(copy: Path, k
     assert told_of[label(gone)] == "is not certified, but the inputs give it"
     assert any("notes" in d.text for d in found.differences)
     # the PDF still prints what was true
-    assert told_of["certificate.pdf"] == "is not what certificate.json prints"
+    assert told_of["certificate.pdf"] == "differs from the print of certificate.json"
     assert SIGNATURE in {d.what for d in verify(copy, public(key)).differences}
 
 
@@ -311,7 +311,7 @@ def test_raw_data_changed_with_care_are_found(copy: Path) -> None:
     resealed(copy)
     found = verify(copy)
     assert len(found.differences) == 1
-    assert "row 999 is not what the run's counts give" in found.differences[0].text
+    assert "row 999 differs from the run's counts" in found.differences[0].text
 
 
 def test_signatures(copy: Path, key: Path, tmp_path: Path) -> None:
@@ -369,7 +369,7 @@ def test_a_folder_of_somebody_else_is_not_touched(tmp_path: Path, campaign: Path
             (folder / text).write_text(text)
             seal(folder, text, [])
     assert found_files(out) == {"b", MANIFEST}
-    with pytest.raises(ForeignFolderError, match="--force replaces the certificate"), new_folder(out):
+    with pytest.raises(ForeignFolderError, match="Use --force to replace the certificate"), new_folder(out):
         pass
     (out / "own.txt").write_text("mine")
     with pytest.raises(CertificationError, match=r"holds own\.txt"), new_folder(out, force=True):
@@ -439,7 +439,7 @@ def test_a_trajectory_that_is_not_the_runs_is_refused(campaign: Path, tmp_path: 
     data = pd.read_parquet(campaign / "trajectory.parquet")
     data["y_mm"] = data["y_mm"] + 1e-3 * (data.index == 100)
     data.to_csv(tmp_path / "other.csv", index=False)
-    with pytest.raises(CertificationError, match=r"other\.csv: row 100 is not what the run's counts give: y_mm"):
+    with pytest.raises(CertificationError, match=r"other\.csv: row 100 differs from the run's counts: y_mm"):
         write_certificate(tmp_path / "c", inputs(campaign, trajectory=tmp_path / "other.csv"), CertificationSettings(trials=200), Choices())
     data.iloc[:-1].to_csv(tmp_path / "short.csv", index=False)
     with pytest.raises(CertificationError, match=r"short\.csv: has \d+ rows"):

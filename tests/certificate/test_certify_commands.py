@@ -113,7 +113,7 @@ def test_what_cannot_be_meant_writes_nothing(campaign: Path, tmp_path: Path, opt
         ('[[tolerance]]\ncharacteristic = "AP_p"\npath = "line"\nupper = 1.0\n', "tolerance of AP_p at line: no characteristic"),
         (
             '[[tolerance]]\ncharacteristic = "AP_p"\nupper = 1.0\n[[tolerance]]\ncharacteristic = "AP_p"\npose = "P2"\nupper = 2.0\n',
-            "tolerance of AP_p at P2: no characteristic is compared with it: none has that name there, or a tolerance before it takes all",
+            "tolerance of AP_p at P2: no characteristic is compared with it. None has that name there, or an earlier",
         ),
     ],
 )
@@ -142,7 +142,7 @@ def test_a_path_of_which_a_part_was_not_seen_is_not_certified(campaign: Path, tm
     assert code == 1
     assert re.fullmatch(
         r"path line, cycle 3: there are no samples from [\d.]+ to [\d.]+ s, on [\d.]+ mm of the path: "
-        "what the robot did there was not measured; measure again, or state windows_s of the poses and of this path's other cycles",
+        "the robot was not measured there. Measure again, or state windows_s of the poses and of this path's other cycles",
         text,
     )
     assert list(tmp_path.iterdir()) == [holed]
@@ -155,7 +155,7 @@ def test_what_is_no_calibration_beside_one_is_named(tmp_path: Path) -> None:
     (tmp_path / "calibrated" / "calibration.json").write_text("{}")
     code, text = code_and_text("compare", tmp_path / "calibrated", "nowhere")
     assert code == 2
-    assert "nowhere: contains no calibration.json; to compare calibrations, give two folders" in " ".join(text.replace("│", " ").split())
+    assert "nowhere: contains no calibration.json. To compare calibrations, give two folders" in " ".join(text.replace("│", " ").split())
 
 
 def test_the_load_that_a_compliance_test_needs_is_asked_for_by_its_option(tmp_path: Path) -> None:
@@ -235,8 +235,8 @@ def test_a_trajectory_by_another_rig_than_the_runs_is_told_which_option_names_it
     given = ("certify", tmp_path / "t.parquet", "--run", campaign / "run", "--program", campaign / "program.toml", "--trials", "200")
     code, text = code_and_text(*given, "--out", tmp_path / "c")
     assert code == 1
-    assert "is not what the run's counts give" in text
-    assert text.endswith("if it was reconstructed with another rig than the run's own, --rig names it")
+    assert "differs from the run's counts" in text
+    assert text.endswith("If it was reconstructed with another rig than the run's own, --rig names it")
     assert not (tmp_path / "c").exists()
     code, text = code_and_text(*given, "--rig", rig, "--out", tmp_path / "c")
     assert code == 0, text
@@ -265,7 +265,7 @@ def test_a_template_a_reference_and_an_authorised_signer(campaign: Path, tmp_pat
     assert (
         content["details"]["traceability"] == "industrial robot, serial number not stated: calibration certificate T-1 of Lab, 2025-01-31"
     )
-    assert "valid until 2026-01-31; it was used on 2026-03-01" in " ".join(content["notes"])
+    assert "valid until 2026-01-31. It was used on 2026-03-01" in " ".join(content["notes"])
     assert (tmp_path / "c" / "inputs" / "tracker.xml").is_file()
     code, text = code_and_text("verify", tmp_path / "c", "--public-key", tmp_path / "head")
     assert (code, text.startswith("authorised: head")) == (0, True), text

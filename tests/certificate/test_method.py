@@ -66,7 +66,7 @@ def test_figures_of_another_method_are_listed_beside_those_of_today() -> None:
     assert found.differences == ()
     assert found.exit_code == 3
     assert found.signer == fingerprint(key)
-    assert f"results: computed by method 2; this version uses {METHOD}" in found.skipped
+    assert f"results: computed by method 2. This version uses {METHOD}" in found.skipped
     first, *others = content_of(folder)["characteristics"]
     assert len(found.beside) >= 2 + len(others)
     assert found.beside[1].startswith(f"{first['name']} of {first['pose']}: sealed ")

@@ -14,7 +14,7 @@ from lmeasure.core import CertificationError, KeyKeptError, LMeasureError
 
 
 def test_a_folder_without_a_certificate_is_named(tmp_path: Path) -> None:
-    with pytest.raises(CertificationError, match=f"{tmp_path}: is no folder of a certificate: it holds neither manifest.json nor"):
+    with pytest.raises(CertificationError, match=f"{tmp_path}: is no folder of a certificate: it contains neither manifest.json nor"):
         verify(tmp_path)
 
 
@@ -22,7 +22,7 @@ def test_keys_are_kept_and_refused(tmp_path: Path) -> None:
     path = tmp_path / "k.pem"
     new_key(path)
     assert path.stat().st_mode & 0o077 == 0
-    with pytest.raises(KeyKeptError, match="exists; --force replaces the key"):
+    with pytest.raises(KeyKeptError, match=r"exists. Use --force to replace the key"):
         new_key(path)
     before = read_public_key(path.with_name("k.pem.pub"))
     new_key(path, force=True)

@@ -150,7 +150,7 @@ def test_figures_of_another_method_stand_beside_those_of_today(folder: Path) -> 
     found = verify(folder, printers=PRINTERS)
     assert (texts(found), found.figures, found.largest, found.exit_code) == ([], 0, 0.0, 3)
     assert found.skipped == (
-        f"results: computed by method {METHOD + 1}; this version uses {METHOD}",
+        f"results: computed by method {METHOD + 1}. This version uses {METHOD}",
         f"{PAGE}: its printed texts, because another version of lmeasure prints other texts",
     )
     assert found.beside[0] == f"results by method {METHOD + 1}, as sealed, beside those by method {METHOD}:"
@@ -158,7 +158,7 @@ def test_figures_of_another_method_stand_beside_those_of_today(folder: Path) -> 
     assert found.beside[1].startswith(f"{first}: sealed 5.0")
     lines = report_lines(found, asked=False)
     assert lines[1 : 1 + len(found.beside)] == list(found.beside)
-    assert lines[-1] == f"{content['id']}: hashes are right; 2 items above not compared"
+    assert lines[-1] == f"{content['id']}: hashes are right. 2 items above were not compared"
     # what no method has a part in is held all the same, and so is the id
     resealed(folder, {"kind": "test certificate"}, own_id="LM-2")
     assert [t.split(" is ")[0] for t in texts(verify(folder))] == ["certificate.json: kind", "certificate.json: id"]
@@ -168,12 +168,12 @@ def test_figures_of_another_method_stand_beside_those_of_today(folder: Path) -> 
 def test_inputs_that_are_refused_are_no_fault_of_a_certificate_by_another_method(folder: Path, method: int) -> None:
     measurement = content_of(folder)["measurement"]
     content = resealed(folder, {"method": method, "measurement": measurement | {"repeatability_mm": "wide"}})
-    found, refused = verify(folder), "measurement: constraint or repeatability_mm is not what this program writes"
+    found, refused = verify(folder), "measurement: constraint or repeatability_mm is not in the form that this program writes"
     assert found.certificate == content["id"]
     if method > METHOD:
         assert found.differences == ()
         assert found.skipped == (
-            f"results: computed by method {method}; today's method {METHOD} rejects the inputs: {CERTIFICATE}: {refused}",
+            f"results: computed by method {method}. Today's method {METHOD} rejects the inputs: {CERTIFICATE}: {refused}",
         )
     else:
         assert texts(found) == [f"{CERTIFICATE}: cannot be computed again: {CERTIFICATE}: {refused}"]
@@ -186,7 +186,7 @@ def test_settings_that_are_refused_are_no_fault_of_a_certificate_by_another_meth
     found = verify(folder)
     assert (texts(found) == []) == (method > METHOD)
     assert found.skipped[0].startswith(
-        f"results: computed by method {method}; today's method {METHOD} rejects the inputs" if method > METHOD else "results: see above"
+        f"results: computed by method {method}. Today's method {METHOD} rejects the inputs" if method > METHOD else "results: see above"
     )
 
 
@@ -224,8 +224,8 @@ def test_another_environment_is_allowed_so_much_of_a_figure_and_no_more(folder: 
     lines = report_lines(found, asked=False)
     assert f"not compared: environment: numpy 1.0, here {np.__version__}: the certificate's environment cannot be checked here" in lines
     if not differs:
-        assert f"results differ in their last digits, by at most {found.largest:.2g}; up to 1e-06 is accepted" in lines
-    assert lines[-1].endswith("1 difference" if differs else "equal within 1e-06; 1 items above not compared")
+        assert f"results differ in their last digits, by at most {found.largest:.2g}. Up to 1e-06 is accepted" in lines
+    assert lines[-1].endswith("1 difference" if differs else "equal within 1e-06. 1 items above were not compared")
 
 
 @pytest.mark.parametrize("u95", [None, 0.0])
@@ -400,7 +400,7 @@ def test_pages_are_printed_again(folder: Path) -> None:
     # what the seal has named is not named twice
     assert texts(verify(folder, printers=PRINTERS)) == [f"{PAGE}: was changed: {len(page) + 1} bytes instead of {len(page)}"]
     content = resealed(folder, {})
-    says_otherwise = [f"{PAGE}: is not what certificate.json prints"]
+    says_otherwise = [f"{PAGE}: differs from the print of certificate.json"]
     assert texts(verify(folder, printers=PRINTERS)) == says_otherwise
     # other libraries print other bytes: then the text is compared, and it is said that no more was
     other = resealed(folder, {"environment": content["environment"] | {"typst": "0.1"}})
@@ -437,9 +437,9 @@ def stated() -> Callable[..., Verification]:
 def test_whose_key_signed_it_is_only_said_where_it_was_asked(stated: Callable[..., Verification]) -> None:
     signed = "signed by 0123456789abcdef: "
     assert report_lines(stated(), asked=True)[0] == signed + "the requested key"
-    assert report_lines(stated(), asked=False)[0] == signed + "nobody confirms this key here"
+    assert report_lines(stated(), asked=False)[0] == signed + "no confirmed key here"
     other = stated(differences=(Difference(SIGNATURE, "is by another key"),))
-    assert report_lines(other, asked=True)[:2] == [signed + "nobody confirms this key here", "signature.json: is by another key"]
+    assert report_lines(other, asked=True)[:2] == [signed + "no confirmed key here", "signature.json: is by another key"]
     assert report_lines(stated(differences=(Difference("a", "b"),)), asked=True)[0] == signed + "the requested key"
     assert report_lines(stated(signer=None), asked=True)[0] == "unsigned: origin not proved"
     # a signature that cannot be read is named, and it is not said that there is none
@@ -455,8 +455,8 @@ def test_the_last_line_says_what_came_of_it(stated: Callable[..., Verification])
     assert report_lines(stated(certificate="", differences=(one,)), asked=True)[-1] == "certificate: 1 difference"
     skipped = report_lines(stated(skipped=("x: y", "z")), asked=True)
     assert skipped[1:3] == ["not compared: x: y", "not compared: z"]
-    assert skipped[-1].endswith("equal to the digit; 2 items above not compared")
+    assert skipped[-1].endswith("equal to the digit. 2 items above were not compared")
     other = report_lines(stated(environment=("numpy 1.0, here 2.0",), largest=2e-9), asked=True)
-    assert other[1] == "results differ in their last digits, by at most 2e-09; up to 1e-06 is accepted"
+    assert other[1] == "results differ in their last digits, by at most 2e-09. Up to 1e-06 is accepted"
     assert other[-1].endswith("results recomputed and equal within 1e-06")
     assert [stated(**c).exit_code for c in ({}, {"skipped": ("x",)}, {"differences": (one,), "skipped": ("x",)})] == [0, 3, 1]

@@ -129,7 +129,7 @@ def test_counts_of_a_bus_and_of_its_log_are_drawn_alike(tmp_path: Path) -> None:
     [
         (("reconstruct", "nowhere", "--out", "OUT/t.parquet"), "nowhere: is not a run folder"),
         (("reconstruct", TRUTH / "cell-run", "--out", "OUT/t.xlsx"), "t.xlsx: the name must end in .parquet, .csv, .tum or .mcap"),
-        (("calibrate", TRUTH / "cell-run", "--out", "OUT/c"), "a run has no reference poses: calibrate by it with --self"),
+        (("calibrate", TRUTH / "cell-run", "--out", "OUT/c"), "a run has no reference poses. Calibrate it with --self"),
         (("zone", "no.toml", *BOX, "--out", "OUT/zone.nc"), "no.toml: cannot be read: No such file or directory"),
         (("simulate", "no.toml", "--out", "OUT/run"), "no.toml: cannot be read: No such file or directory"),
         (("view", "no.rrd"), "no.rrd: cannot be read: No such file or directory"),

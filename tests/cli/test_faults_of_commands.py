@@ -57,7 +57,7 @@ def test_a_scale_that_no_decoder_has(run: Path) -> None:
 
 def test_an_angle_of_1e20(run: Path) -> None:
     edit(run / "run.toml", r"^quaternion_xyzw = .*", "o_a_t_deg = [0.0, 1e20, 0.0]")
-    refused(run, "run.toml: start: o_a_t_deg: an angle of 1e+20; 1e+06 is the most")
+    refused(run, "run.toml: start: o_a_t_deg: an angle of 1e+20 is too large. The limit is 1e+06")
     with pytest.raises(FileFormatError, match="kuka-abc: an angle of 1e"):
         rotation_from_angles("kuka-abc", [[0.0, 0.0, 1e20]])
 
@@ -75,13 +75,13 @@ def zone_file(path: Path, **changed: Any) -> Path:
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"x": np.array([0.0, np.nan])}, "coordinate x does not hold finite, rising numbers"),
-        ({"y": np.array([50.0, 0.0])}, "coordinate y does not hold finite, rising numbers"),
-        ({"z": np.array(["a", "b"])}, "coordinate z does not hold finite, rising numbers"),
-        ({"in_zone": np.full((2, 2, 2), np.nan)}, "variable in_zone holds more than 0 and 1"),
-        ({"in_zone": np.full((2, 2, 2), "yes")}, "variable in_zone does not hold numbers over x, y, z"),
-        ({"attributes": {"node_spacing_mm": "fifty"}}, "attribute node_spacing_mm does not hold 3 finite number(s)"),
-        ({"attributes": {"zone_volume_mm3": np.nan}}, "attribute zone_volume_mm3 does not hold 1 finite number(s)"),
+        ({"x": np.array([0.0, np.nan])}, "coordinate x must contain finite, rising numbers"),
+        ({"y": np.array([50.0, 0.0])}, "coordinate y must contain finite, rising numbers"),
+        ({"z": np.array(["a", "b"])}, "coordinate z must contain finite, rising numbers"),
+        ({"in_zone": np.full((2, 2, 2), np.nan)}, "variable in_zone must contain only 0 and 1"),
+        ({"in_zone": np.full((2, 2, 2), "yes")}, "variable in_zone must contain numbers over x, y, z"),
+        ({"attributes": {"node_spacing_mm": "fifty"}}, "attribute node_spacing_mm must contain 3 finite number(s)"),
+        ({"attributes": {"zone_volume_mm3": np.nan}}, "attribute zone_volume_mm3 must contain 1 finite number(s)"),
     ],
 )
 def test_a_zone_with_something_else_in_place_of_numbers(tmp_path: Path, changed: dict[str, Any], words: str) -> None:
@@ -109,7 +109,7 @@ def test_what_no_module_foresaw_is_one_line(monkeypatch: pytest.MonkeyPatch, cap
     assert ended.value.code == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("lmeasure: a fault of this program, ZeroDivisionError in test_faults_of_commands.py:")
-    assert "no file is half-written. Please report this line, the command and its files. For details set LMEASURE_DEBUG=1" in line
+    assert "No file is half-written. Please report this line, the command and its files. For details set LMEASURE_DEBUG=1" in line
     assert len(line) < 1400
     monkeypatch.setenv("LMEASURE_DEBUG", "1")
     with pytest.raises(ZeroDivisionError):

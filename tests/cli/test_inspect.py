@@ -29,7 +29,7 @@ def candump(path: Path, counts: list[int]) -> Path:
     [
         (RUN, "run folder, passes: 1, 2000 samples in 1.999 s", "reconstruct"),
         (RUN / "rig.toml", "6 cables from 6 observation points, not calibrated", "zone"),
-        (SEALED, "52 characteristics; not verified here", "verify"),
+        (SEALED, "52 characteristics. Not verified here", "verify"),
         (SEALED / "inputs" / "program.toml", "test program, ", "record"),
         (SEALED / "inputs" / "trajectory.parquet", "trajectory, ", "certify"),
     ],

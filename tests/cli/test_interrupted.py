@@ -24,7 +24,7 @@ from lmeasure.recording import read_run
 
 HERE = Path(__file__).parents[1]
 SEALED = HERE / "authorities" / "sealed" / "with-run"
-LINE = "lmeasure: interrupted; nothing was left half-written"
+LINE = "lmeasure: interrupted. Nothing was left half-written"
 GRID = "--x=-200:200:10 --y=-200:200:10 --z=-200:200:10"
 WORDS = {
     "certify": "sealed/inputs/trajectory.parquet --run sealed/inputs/run --program sealed/inputs/program.toml --out out",

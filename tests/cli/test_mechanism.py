@@ -279,15 +279,15 @@ def test_what_cannot_be_studied_is_said_in_one_line(tmp_path: Path) -> None:
     box = ("--x", "0:1:1", "--y", "0:1:1", "--z", "960:961:1")
     assert "so is --tilt-deg" in refused("mechanism", "rotopod", *box, "--tilt-deg", "1", "--tilt-rad", "0.01")
     assert "give all three for a workspace" in refused("mechanism", "rotopod", "--x", "0:1:0.5")
-    assert "is no robot that comes along" in refused("mechanism", "rotopode")
+    assert "is not a shipped robot" in refused("mechanism", "rotopode")
     assert "works only with --joints" in refused("mechanism", "rotopod", "--poses", tmp_path / "p.csv")
     (tmp_path / "p.csv").write_text("pose,x_mm,y_mm,z_mm,qx,qy,qz,qw\na,0,0,0,0,0,0,1\nb,1,0,zero,0,0,0,1\n")
     said = refused("dyads", tmp_path / "p.csv", "--out", tmp_path / "d")
     assert "p.csv" in said
     assert "zero" in said
     (tmp_path / "p.csv").write_text("pose,x_mm,y_mm,z_mm,qx,qy,qz,qw\na,0,0,0,0,0,0,1\n")
-    assert "1 poses; a link has 7 parameters" in refused("dyads", tmp_path / "p.csv", "--out", tmp_path / "d")
+    assert "1 poses. A link has 7 parameters" in refused("dyads", tmp_path / "p.csv", "--out", tmp_path / "d")
     assert not (tmp_path / "d").exists()
     (tmp_path / "q.csv").write_text("pose,x_mm,y_mm,z_mm,qx,qy,qz,qw\na,0,0,0,0,0,0,1\n")
     said = refused("mechanism", "three-prr", "--poses", tmp_path / "q.csv", "--joints", tmp_path / "j.csv", "--complete", "plane")
-    assert "completed by 3 rods; it has 0" in said
+    assert "completed by 3 rods. It has 0" in said

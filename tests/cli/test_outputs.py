@@ -78,7 +78,7 @@ def test_what_exists_is_refused_in_one_line_before_any_work(name: str, desk: Pat
         path.write_text("mine")
         code, said = run(*line.split())
         assert code == 2, (path, said)
-        assert said.startswith(f"{path}: exists; --force replaces it")
+        assert said.startswith(f"{path}: exists. Use --force to replace it")
         assert snapshot(desk / "out") == {os.path.relpath(path, "out"): b"mine"}
 
 

@@ -98,7 +98,7 @@ def test_recording_shows_the_table_and_the_recording_is_whole_at_the_end(tmp_pat
     done = lmeasure(*words, "--start", "0,0,0,0,0,0,1")
     assert done.returncode == 0, done.stderr
     assert f"{len(counts.time_s)} samples from {7 * len(counts.time_s)} frames" in done.stdout
-    assert "nothing was recorded" in done.stdout
+    assert "Nothing was recorded" in done.stdout
     assert "pose: " in done.stderr
     assert "ch4" in done.stderr
     assert sorted(tmp_path.rglob("*")) == there

@@ -44,7 +44,7 @@ def test_the_columns_of_4_5(tmp_path: Path) -> None:
     np.testing.assert_allclose(sixth["drives"][0]["rates"], [-0.625], atol=1e-12)
     assert sixth["drives"][0]["exit_rate"] == pytest.approx(-0.625)
     assert abs(sixth["determinant"]) == pytest.approx(2.0)
-    assert "lengthen one of these to lead out; to shorten it jams: link 4, link 6" in said
+    assert "lengthen one of these to lead out. To shorten it jams: link 4, link 6" in said
 
 
 def test_a_pose_beside_a_singular_one_leads_there(tmp_path: Path) -> None:
@@ -62,7 +62,7 @@ def test_what_cannot_be_analysed_is_refused(tmp_path: Path) -> None:
     assert "needs --position-mm" in said
     code, said, record = found(tmp_path, "--position-mm", "0,0,0", links=LINKS + '[[link]]\nfrom = "B1"\nto = "P2"\n')
     assert (code, record) == (1, {})
-    assert "7 links; singular poses are analysed for six" in said
+    assert "7 links. Singular poses are analysed for six" in said
 
 
 def test_a_motion_past_a_singular_pose_in_its_two_parts(tmp_path: Path) -> None:

@@ -99,5 +99,5 @@ def test_many_angles_at_once() -> None:
 def test_default_and_unknown() -> None:
     assert DEFAULT == "puma-oat"
     assert convention("kuka-abc").columns == ("a_deg", "b_deg", "c_deg")
-    with pytest.raises(FileFormatError, match=r"angles = 'euler' is not a known convention; known: puma-oat, kuka-abc"):
+    with pytest.raises(FileFormatError, match=r"angles = 'euler' is not a known convention. Use one of puma-oat, kuka-abc"):
         convention("euler")

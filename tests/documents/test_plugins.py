@@ -222,7 +222,7 @@ def test_a_log_of_another_package_is_imported(installed: Path, tmp_path: Path) -
     assert "; package magpie 0.3: magpie (magpie:FORMAT) cannot be loaded: ZeroDivisionError" in broken.err
     assert "; package magpie 0.3: dove (dove:FORMAT) cannot be loaded: TypeError: suffixes must be a tuple of texts such as" in broken.err
     fault = "KeyError in crow.py:3: 'frames'"
-    assert failing.err == f"lmeasure: a fault of package magpie 0.3, not of lmeasure: {fault}; no file is half-written\n"
+    assert failing.err == f"lmeasure: a fault of package magpie 0.3, not of lmeasure: {fault}. No file is half-written\n"
 
 
 def test_a_program_of_another_package_is_corrected(installed: Path, tmp_path: Path) -> None:
@@ -280,7 +280,7 @@ def test_a_characteristic_of_another_package_is_certified(installed: Path, tmp_p
     assert again.code in (0, 3), again.out
     loading = "package magpie 0.3: magpie (magpie:CLAUSE) cannot be loaded: ZeroDivisionError: division by zero"
     assert broken[::2] == (1, f"lmeasure: {loading}\n")
-    assert unknown[::2] == (1, "lmeasure: characteristics: no installed package adds 'no-such'; added are: farthest, magpie\n")
+    assert unknown[::2] == (1, "lmeasure: characteristics: no installed package adds 'no-such'. Added are: farthest, magpie\n")
     assert twice.code == 1
     assert "characteristics: FP_max of P1 is computed twice" in twice.err
     assert not (tmp_path / "magpie").exists()

@@ -131,7 +131,7 @@ def test_empty_and_blank_cells_are_gaps_only_where_asked(tmp_path: Path) -> None
     assert np.isnan(table.numbers("ch2", gaps=True)).all()
     with pytest.raises(FileFormatError, match=":3: ch1: is empty"):
         table.numbers("ch1")
-    with pytest.raises(FileFormatError, match="column 'ch9' is missing; it has time_s, ch1, ch2"):
+    with pytest.raises(FileFormatError, match=r"column 'ch9' is missing. It has time_s, ch1, ch2"):
         table.numbers("ch9")
 
 

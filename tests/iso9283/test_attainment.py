@@ -116,7 +116,7 @@ def test_of_a_path_that_is_run_once_the_convention_is_that_of_its_angles() -> No
     assert convention(point, "kuka-abc") is None
     # one that nobody knows is refused, though of a path without an orientation there are no angles
     plain = program_of(LINE, windows)
-    with pytest.raises(FileFormatError, match="angles = 'by-hand' is not a known convention; known: "):
+    with pytest.raises(FileFormatError, match=r"angles = 'by-hand' is not a known convention. Use one of "):
         attained(trajectory, plain, CertificationSettings(angles="by-hand"), sound(trajectory.time_s), rig_angles=None)
 
 

@@ -140,7 +140,7 @@ def test_a_log_of_loads_that_cannot_be_is_refused(loaded: tuple[Path, Program, T
         "has 131 rows for 132 forces": windows[:-1],
         "row 1: ": [windows[0], windows[0], *windows[2:]],
         "row 131: ": [*windows[:-1], (windows[-1][0], 1e6)],
-        "before what comes before it has ended": [(a - 5.0, b - 5.0) for a, b in windows],
+        "before the previous one has ended": [(a - 5.0, b - 5.0) for a, b in windows],
     }
     for reported, times in wrong.items():
         write_times(tmp_path / "loads.csv", times)

@@ -92,7 +92,7 @@ def test_what_lies_outside_the_zone_gets_no_verdict() -> None:
     model = Program.model_validate(program)
     found = evaluate(trajectory, model, EXACT)
     assert [(e.kind, e.name) for e in found.excluded] == [("pose", "P2")]
-    assert str(found.excluded[0].reason) == "worst pressure angle 63.2 deg; the zone ends at 60 deg"
+    assert str(found.excluded[0].reason) == "worst pressure angle 63.2 deg. The zone ends at 60 deg"
     c = by_name(found)
     for key in (("AP_p", "P2"), ("AP_x", "P2"), ("RP_l", "P2"), ("AD_p", "P1-P2")):
         assert not c[key].capable
@@ -197,7 +197,7 @@ def test_rests_that_are_not_the_programs(what: str) -> None:
     said = {
         "missing": "pose P3: is rested at 2 times.*state windows_s of the cycles that are whole",
         "far": "no rest within",
-        "cycles": "found 3 cycles in the trajectory; the program states 5",
+        "cycles": "found 3 cycles in the trajectory. The program states 5",
     }
     if what == "missing":
         keep = trajectory.time_s < 8.2

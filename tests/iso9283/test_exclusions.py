@@ -52,7 +52,7 @@ def test_a_radius_holds_95_percent_of_the_position_that_errs_most() -> None:
 
 def test_the_zone_ends_beyond_its_largest_angle() -> None:
     found = asked(held("pose", "A", 60.0), held("pose", "B", 60.01), held("path", "C", math.nan))
-    assert {s.name: str(why) for s, why in found.reasons.items()} == {"B": "worst pressure angle 60.0 deg; the zone ends at 60 deg"}
+    assert {s.name: str(why) for s, why in found.reasons.items()} == {"B": "worst pressure angle 60.0 deg. The zone ends at 60 deg"}
     assert [str(f) for f in found.findings] == ["path C: its pressure angles are unknown, so it is not checked in the zone"]
     # what has no windows is not held against it, and without a limit nothing is
     assert asked(Held(subject=Subject("distance", "A-B"), angle_deg=80.0)) == Exclusions({}, ())
@@ -65,10 +65,10 @@ def test_the_zone_ends_beyond_its_largest_radius_by_any_law(u_mm: float, reporte
     few, many = (lambda _: of(0.001)), (lambda _: of(u_mm))
     tests = held("pose", "A", by=(of(0.0),)), held("pose", "B"), held("pose", "C", 70.0, by=(of(0.0),))
     found = asked(*tests, laws=(many, few) if first else (few, many), limit_u95_mm=0.1)
-    radius = {} if reported is None else {"A": f"U95 of a position {reported} mm; the zone ends at 0.1 mm"}
+    radius = {} if reported is None else {"A": f"U95 of a position {reported} mm. The zone ends at 0.1 mm"}
     # one that is outside already keeps its reason
     assert {s.name: str(why) for s, why in found.reasons.items()} == radius | {
-        "C": "worst pressure angle 70.0 deg; the zone ends at 60 deg"
+        "C": "worst pressure angle 70.0 deg. The zone ends at 60 deg"
     }
     assert asked(*tests[:2], laws=(many,)) == Exclusions({}, ())
 
@@ -86,8 +86,8 @@ def test_a_figure_has_the_first_reason_of_what_it_needs() -> None:
     found = Exclusions(
         {one: message("zone.angle", angle_deg=70.0, limit_deg=60.0), other: message("zone.radius", u95_mm=1.0, limit_mm=0.1)}
     )
-    assert str(found.reason((other, one))) == "pose A: worst pressure angle 70.0 deg; the zone ends at 60 deg"
-    assert str(found.reason((other,))) == "pose B: U95 of a position 1 mm; the zone ends at 0.1 mm"
+    assert str(found.reason((other, one))) == "pose A: worst pressure angle 70.0 deg. The zone ends at 60 deg"
+    assert str(found.reason((other,))) == "pose B: U95 of a position 1 mm. The zone ends at 0.1 mm"
     assert found.reason((Subject("path", "A"),)) is None
     assert found.reason(()) is None
 

@@ -159,9 +159,9 @@ def test_a_line_that_comes_near_itself_is_followed() -> None:
 @pytest.mark.parametrize(
     ("window", "said"),
     [
-        ((0.2, 2.036), "begins 45 mm along the path; the window must hold its start"),
+        ((0.2, 2.036), "begins 45 mm along the path. The window must contain its start"),
         ((0.0, 1.9), "ends 470 mm along the path, before its end"),
-        ((0.0, 0.02), "has 11 samples; at least 20"),
+        ((0.0, 0.02), "has 11 samples. At least 20"),
         ((5.0, 6.0), "no sample within"),
     ],
 )

@@ -105,7 +105,7 @@ def test_rates_are_those_of_differences(m: int) -> None:
 
 
 def test_what_holds_nothing_has_no_bounds() -> None:
-    hold = "bounds: the links do not hold the body at the pose from which the bounds are looked for"
+    hold = "bounds: the links do not fix the body at the initial pose"
     line = BODY.copy()
     line[:] = BODY[0] + np.arange(8.0)[:, None] * [30.0, 10.0, -20.0]
     nowhere = BASE.copy()
@@ -140,7 +140,7 @@ def test_six_links_hold_from_a_million_millionth_of_the_rows_on(lean: float, sou
     if sound:
         assert Bounds(base, body, AT).inside(AT)
     else:
-        with pytest.raises(StructureError, match="do not hold"):
+        with pytest.raises(StructureError, match="do not fix"):
             Bounds(base, body, AT)
 
 
@@ -160,7 +160,7 @@ def test_eight_links_hold_up_to_a_condition_of_a_million_millions(condition: flo
     if sound:
         assert Bounds(BASE, body, AT, LIMIT).values(AT).shape == (8,)
     else:
-        with pytest.raises(StructureError, match="do not hold"):
+        with pytest.raises(StructureError, match="do not fix"):
             Bounds(BASE, body, AT, LIMIT)
 
 

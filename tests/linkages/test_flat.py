@@ -247,7 +247,7 @@ def test_limits_that_no_edge_can_make_safe_are_named() -> None:
     for adjustable, margin in ((["pq"], half + 1e-3), (["xy", "other"], 0.0)):
         with pytest.raises(StructureError, match="tetrahedron xy, px, py, qx, qy, pq: may be flat") as determined:
             flat_tetrahedra.adjusted([SIX], wide, adjustable, margin)
-        assert str(determined.value).endswith(f"whatever {', '.join(adjustable)} are")
+        assert str(determined.value).endswith(f"for any {', '.join(adjustable)}")
     # two that share an edge: what is safe for both, and none where that is nothing
     other = flat_tetrahedra.Tetrahedron("a", "px", "py", "qx", "qy", "pq")
     both = OWN | {"a": (6.0, 6.0)}

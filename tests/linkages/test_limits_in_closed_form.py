@@ -258,7 +258,7 @@ def test_around_a_corner_the_boundary_goes_on_along_its_other_edge(way: float, l
 
 def test_a_boundary_of_too_many_points_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(workspace, "MOST", 30)
-    with pytest.raises(StructureError, match=r"30 points of 1.5 mm are not all of it: take a longer step"):
+    with pytest.raises(StructureError, match=r"30 points of 1.5 mm do not reach around it. Use a longer step"):
         boundary(limits(within(10.0)), PLANE, np.array([1.0, 0.0]), 1.5)
 
 

@@ -227,7 +227,7 @@ def test_a_limit_without_a_slope_has_no_boundary() -> None:
 
 
 def test_what_cannot_be_bounded_is_refused() -> None:
-    with pytest.raises(StructureError, match="do not hold"):
+    with pytest.raises(StructureError, match="do not fix"):
         Bounds(BASE, BODY, np.array([0.0, 0.0, -4.0, 0.0, 0.0, 0.0, 1.0]))
     bounds, plane = at_level(0.0, None)
     with pytest.raises(StructureError, match="nothing is met within 40 mm"):

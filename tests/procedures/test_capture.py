@@ -151,7 +151,7 @@ def test_a_channel_that_lost_its_origin_is_not_called_silent(tmp_path: Path) -> 
     lost.recorded[:, 1] = np.nan
     bench.events = [Event(0, 1.0, RIG.channels[1], "reset", "from 900 to 0")]
     bench.show(lost)
-    reported = f"{RIG.channels[1]}: origin lost; quit here, and record the other poses in a new folder"
+    reported = f"{RIG.channels[1]}: origin lost. Quit here, and record the other poses in a new folder"
     assert bench.said[-1] == f"not recorded: {reported}"
     assert (state_of(bench.session)["state"], state_of(bench.session)["doubted"]) == ("lost", reported)
     assert bench.session.line().startswith(f"pose 3  no origin: {RIG.channels[1]}")
@@ -193,7 +193,7 @@ def test_poses_are_left_out_and_taken_in_another_order(tmp_path: Path) -> None:
     bench.show(bench.at(3))
     assert (bench.read, bench.session.goal) == (["4"], "2")
     bench.session.command("go nowhere")
-    assert bench.said[-1] == "no pose 'nowhere'; the poses are 1, 2, 3, 4, 5, 6, 7, 8"
+    assert bench.said[-1] == "no pose 'nowhere'. The poses are 1, 2, 3, 4, 5, 6, 7, 8"
     bench.session.command("dance")
     assert bench.said[-1].startswith("'dance' is not a command. Enter (or take): record")
 
@@ -235,9 +235,9 @@ def test_a_silent_channel_is_named_and_nothing_is_read(tmp_path: Path) -> None:
     bench.show(joined([going(POSES[[1, 2]], 0.0), still]))
     assert bench.read == ["1", "2"]
     assert bench.said[-2] == "not recorded: ch2 (100%) of the dwell has no counts"
-    assert bench.said[-1].startswith("not recorded: ch2: no counts; check the encoder, its plug and its cable")
+    assert bench.said[-1].startswith("not recorded: ch2: no counts. Check the encoder, its plug and its cable")
     bench.session.command("")
-    assert bench.said[-1].startswith("not recorded: ch2: no counts; check the encoder, its plug and its cable")
+    assert bench.said[-1].startswith("not recorded: ch2: no counts. Check the encoder, its plug and its cable")
     assert bench.session.line().startswith("pose 3  silent: ch2")
     gaps = bench.at(2, 1.0)
     gaps.recorded[::3, 0] = np.nan
@@ -257,7 +257,7 @@ def test_a_bus_from_which_nothing_comes_is_told_once_though_nobody_asks(tmp_path
         bench.session.look([], idle_s=idle_s)
     assert (
         sum(
-            line.startswith("the bus sends no counts; check that it is connected and on; `lmeasure check` shows the frames that arrive")
+            line.startswith("the bus sends no counts. Check that it is connected and on. `lmeasure check` shows the frames that arrive")
             for line in bench.said
         )
         == 1
@@ -267,7 +267,7 @@ def test_a_bus_from_which_nothing_comes_is_told_once_though_nobody_asks(tmp_path
     bench.session.look([], idle_s=3.0)
     assert (
         sum(
-            line.startswith("the bus sends no counts; check that it is connected and on; `lmeasure check` shows the frames that arrive")
+            line.startswith("the bus sends no counts. Check that it is connected and on. `lmeasure check` shows the frames that arrive")
             for line in bench.said
         )
         == 2
@@ -307,7 +307,7 @@ def test_a_channel_that_leaps_is_believed_again_where_it_was_read(reported: str,
     bench.show(bench.at(1, off=lost))
     if reported == "leap":
         # two channels: half of them agree with a pose, which is not enough to know it
-        assert bench.said[-1].endswith("this is not a recorded pose")
+        assert bench.said[-1].endswith("This is not a recorded pose")
         bench.session.command("trust")
         assert bench.out.notes == ["trusted before reading 4: ch1 jumped by +500 counts while no other channel moved"]
     else:
@@ -369,7 +369,7 @@ def test_how_well_poses_are_known_is_written_beside_what_they_are(tmp_path: Path
     [
         ([0, 1, 2, 0], 0, ""),
         ([0, 1, 2, 0], 40, "cal: the counts of ch2 differ at the return to the first pose"),
-        ([0, 1], 0, "cal: stopped before pose 3; run the same command to continue"),
+        ([0, 1], 0, "cal: stopped before pose 3. Run the same command to continue"),
     ],
 )
 def test_the_command_ends_with_1_where_poses_or_counts_are_missing(

@@ -21,7 +21,7 @@ def test_a_session_begun_again_goes_on_once_the_counters_are_seen_to_have_kept_t
     assert again.read == list("123")
     assert again.session.goal == "4"
     again.show(again.at(3))
-    assert again.said[-1].endswith("this is not a recorded pose")
+    assert again.said[-1].endswith("This is not a recorded pose")
     assert (tmp_path / "cal" / "counts.csv").read_bytes() == before
     again.show(going(POSES[[3, 1]], 0.25))
     assert again.heard("the counters agree with pose 2")
@@ -32,7 +32,7 @@ def test_a_session_begun_again_goes_on_once_the_counters_are_seen_to_have_kept_t
     assert (tmp_path / "cal" / "counts.csv").read_bytes().startswith(before)
     third = Bench(tmp_path)
     assert third.session.finished
-    assert third.said[-1] == "all poses are recorded; run `lmeasure calibrate` on the folder"
+    assert third.said[-1] == "all poses are recorded. Run `lmeasure calibrate` on the folder"
 
 
 def test_counters_zeroed_over_the_coffee_are_not_believed(tmp_path: Path) -> None:
@@ -46,7 +46,7 @@ def test_counters_zeroed_over_the_coffee_are_not_believed(tmp_path: Path) -> Non
     still = Samples(np.arange(100) / RATE_HZ, np.tile(here - [0.0, 0.0, 777.0, 0.0], (100, 1)))
     again.show(still)
     assert again.said[-1] == (
-        "not recorded: the other channels agree with pose 3, but these do not: ch3 by -777 counts; counts were lost. "
+        "not recorded: the other channels agree with pose 3, but these do not: ch3 by -777 counts. Counts were lost. "
         "Start in a new folder, or type `trust`"
     )
 
@@ -78,7 +78,7 @@ def test_a_folder_of_something_else_and_another_rig_are_refused(tmp_path: Path) 
     rig = read_rig(tmp_path / "rig.toml")
     with pytest.raises(AcquisitionError, match=r"rig\.toml: is another rig than the one given"):
         open_folder(tmp_path / "cal", nominal_of(RIG, seed=5), rig.channels, 1, planned=tmp_path / "planned.csv", beside={})
-    with pytest.raises(OverwriteError, match="is no folder of a capture; nothing is written over it"):
+    with pytest.raises(OverwriteError, match=r"is no folder of a capture. Nothing was overwritten"):
         open_folder(tmp_path, rig, rig.channels, 1, planned=tmp_path / "planned.csv", beside={})
     moved = POSES.copy()
     moved[2, 0] += 1.0

@@ -46,14 +46,14 @@ def test_whole_counts_are_written_as_whole_numbers(tmp_path: Path) -> None:
 
 FILES = [
     ("time_s\n0\n", "has no count column besides time_s"),
-    ("t,ch1\n0,1\n", "column 'time_s' is missing; it has t, ch1"),
+    ("t,ch1\n0,1\n", "column 'time_s' is missing. It has t, ch1"),
     ("time_s,ch1\n", "has no samples"),
     ("time_s,ch1\n0,1\n1,2\n0.5,3\n", "sample 2: time_s = 0.5 does not follow 1.0"),
     ("time_s,ch1\n0,1\n0,2\n", "sample 1: time_s = 0.0 does not follow 0.0"),
     ("time_s,ch1\n0,1\n,2\n", ":3: time_s: is empty"),
     ("time_s,ch1\n0,1\nnan,2\n", ":3: time_s: must be a finite number, is nan"),
     ("time_s,ch1\n0,1\n1,12abc\n", ":3: ch1: must be a number, is '12abc'"),
-    ("time_s,ch1,sync\n0,1,0\n1,1,2\n", "sample 1: sync = 2; it must be 0 or 1"),
+    ("time_s,ch1,sync\n0,1,0\n1,1,2\n", "sample 1: sync = 2. It must be 0 or 1"),
     ("time_s,ch1,sync\n0,1,0\n1,1,\n", ":3: sync: is empty"),
     ("time_s,ch1,ch1\n0,1,2\n", "column 'ch1' occurs twice"),
 ]
@@ -71,7 +71,7 @@ def test_one_line_names_the_row(tmp_path: Path, text: str, line: str) -> None:
 
 def test_a_channel_that_is_not_there() -> None:
     counts = Counts(times(2), ("ch1",), np.zeros((2, 1)), source="pass1.csv")
-    with pytest.raises(FileFormatError, match=r"pass1.csv: column 'ch2' is missing; it has ch1"):
+    with pytest.raises(FileFormatError, match=r"pass1.csv: column 'ch2' is missing. It has ch1"):
         counts.of("ch2")
     with pytest.raises(FileFormatError, match="do not fit"):
         Counts(times(2), ("ch1", "ch2"), np.zeros((2, 1)))

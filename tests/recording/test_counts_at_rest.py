@@ -89,7 +89,7 @@ def test_a_standard_uncertainty_may_be_nothing_and_not_less(tmp_path: Path) -> N
     assert skew is not None
     assert skew.tolist() == [0.0, 0.001, 0.0]
     path.write_text("time_s,a,u_time_s\n0,1,0\n1,2,-0.001\n2,3,0\n")
-    with pytest.raises(FileFormatError, match=r"sample 1: u_time_s = -0\.001; a standard uncertainty is not negative"):
+    with pytest.raises(FileFormatError, match=r"sample 1: u_time_s = -0\.001. A standard uncertainty is not negative"):
         read_counts(path)
 
 

@@ -88,7 +88,7 @@ def test_reconstruct_takes_the_start_that_is_given(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("start", "complaint"),
     [
-        ("1,2,3", "'1,2,3' is 3 numbers; wanted are x,y,z in mm and three angles"),
+        ("1,2,3", "'1,2,3' is 3 numbers. Wanted are x,y,z in mm and three angles"),
         ("a,b,c,d,e,f,g", "is neither six numbers"),
         ("0,0,0,0,0,0,2", "the quaternion's length is 2, not 1"),
         ("nan,0,0,0,0,0,1", "position_mm must be 3 numbers"),

@@ -72,7 +72,7 @@ def test_what_is_no_document_adds_nothing(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     code, text = run(tmp_path / "reg", "--add", good, "--add", tmp_path / "empty")
     assert (code, "is no folder of a certificate" in text) == (1, True)
-    assert "--add begins one" in run(tmp_path / "reg")[1]
+    assert "Begin one with --add" in run(tmp_path / "reg")[1]
     assert not (tmp_path / "reg").exists()
 
 

@@ -112,7 +112,7 @@ def test_the_instrument_is_described() -> None:
         "6 cables from 6 observation points",
         "encoders of 6000 counts per turn of the drum, 0.012 mm of cable per count",
         "calibrated with 19 reference poses, residuals 0.021 mm rms",
-        "used up to a pressure angle of 20.5°; its zone ends at 60°",
+        "used up to a pressure angle of 20.5°. Its zone ends at 60°",
     ]
     russian = say.instrument(certificate([], language="ru", measured_with=measured | {"calibration": None, "passes": 2}))
     assert not re.search(r"[A-Za-z]|\d\.\d", "".join(russian))

@@ -217,7 +217,7 @@ def test_only_a_zone_that_ends_within_the_box_has_an_edge(rig: Rig, tmp_path: Pa
     write_zone_report(tmp_path, found, rig)
     page = page_text((tmp_path / "zone.html").read_bytes())
     assert ("The orange surface is the edge of the zone" in page) is edge
-    assert ("the white line is the edge of the zone" in pdf_text((tmp_path / "zone.pdf").read_bytes())) is edge
+    assert ("The white line is the edge of the zone" in pdf_text((tmp_path / "zone.pdf").read_bytes())) is edge
 
 
 def test_page_of_an_empty_zone_says_so(rig: Rig, tmp_path: Path) -> None:

@@ -179,7 +179,7 @@ REFUSALS: list[tuple[Callable[[dict[str, Any]], None], str]] = [
     (put("cable", 0, "channel", ""), "[cable c1].channel: must not be empty"),
     (put("cable", 0, "name", "c2"), "[cable 2].name: the name 'c2' is given 2 times"),
     (put(*B2, "name", "B1"), "[observation_point 2].name: the name 'B1' is given 2 times"),
-    (put("cable", 2, "pass", 3), "cable: the passes are [1, 3]; they must be numbered from 1 without a hole"),
+    (put("cable", 2, "pass", 3), "cable: the passes are [1, 3]. They must be numbered from 1 without a hole"),
     (put("cable", 2, "pass", 0), "[cable c3].pass: must be at least 1"),
     (put("cable", 2, "pass", True), "[cable c3].pass: must be a whole number"),
     (put("cable", 2, "pass", "2"), "[cable c3].pass: must be a whole number, is '2'"),
@@ -199,7 +199,7 @@ def test_one_line_names_the_key(change: Callable[[dict[str, Any]], None], line: 
 
 
 def test_a_pose_needs_six_cables() -> None:
-    with pytest.raises(RigError, match=r"rig 'demo': has 3 cables; a pose is reconstructed from exactly 6"):
+    with pytest.raises(RigError, match=r"rig 'demo': has 3 cables. A pose is reconstructed from exactly 6"):
         rig_from_dict(data()).require_pose()
     rig_from_dict(six()).require_pose()
 
@@ -214,7 +214,7 @@ def test_a_pose_needs_six_cables() -> None:
 )
 def test_attachment_points_on_one_line_tell_no_orientation(tool: dict[str, Any]) -> None:
     rig = rig_from_dict(six() | {"tool": tool})
-    with pytest.raises(RigError, match=r"tool: all cables end at P1, P2, P3; to measure the orientation, they must end at three points"):
+    with pytest.raises(RigError, match=r"tool: all cables end at P1, P2, P3. To measure the orientation, they must end at three points"):
         rig.require_pose()
 
 
@@ -222,7 +222,7 @@ def test_attachment_points_on_one_line_tell_no_orientation(tool: dict[str, Any])
     ("content", "line"),
     [
         (b"", "schema: is missing"),
-        (b"\xff\xfe", "is not UTF-8 text (byte 0); save it as UTF-8"),
+        (b"\xff\xfe", "is not UTF-8 text (byte 0). Save it as UTF-8"),
         (RIG.replace("47.0", "47,5").encode(), "; a number has a point: 47.5"),
         (RIG.replace('"B1"', '"B1').encode(), "; a text ends with a quotation mark on its line"),
         (b"name = ", "is not TOML"),

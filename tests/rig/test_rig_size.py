@@ -46,7 +46,7 @@ def test_rigs_that_are_there_are_of_a_usual_size_and_in_other_units_not(path: Pa
     for unit, factor in SMALL.items():
         found = unlikely_size(in_unit(rig, factor), "rig.toml")
         assert found is not None
-        assert f"Dimensions are in millimetres; in {unit}, this would be" in str(found)
+        assert f"Dimensions are in millimetres. In {unit}, this would be" in str(found)
         assert found.text("ru") != found
 
 

@@ -228,7 +228,7 @@ def test_which_dialect(tmp_path: Path) -> None:
     paths = [tmp_path / "a.src"]
     assert opened(paths)[0].text.encode("latin-1") == b"\xff\x80 caf\xe9\r\n"
     assert dialect_of(paths, opened(paths)).name == "krl"
-    with pytest.raises(RobotError, match="do not say one dialect; state --dialect krl or rapid"):
+    with pytest.raises(RobotError, match=r"do not decide the dialect. State --dialect krl or rapid"):
         dialect_of([tmp_path / "a.src", tmp_path / "b.mod"], opened(paths))
     with pytest.raises(RobotError, match="'cobol' is none of krl, rapid"):
         dialect_of(paths, opened(paths), "cobol")

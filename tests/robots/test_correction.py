@@ -245,9 +245,9 @@ def test_the_command(identified: tuple[Path, SerialRobot], tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("arguments", "code", "text"),
     [
-        (["--near", "1,2"], 2, "2 joint values; the robot has 6"),
+        (["--near", "1,2"], 2, "2 joint values. The robot has 6"),
         (["--dialect", "cobol"], 2, "'cobol' is none of"),
-        (["--frames", "{tmp}/f.toml"], 1, "[BASE]: turn is not known; known: fanuc_wpr_deg"),
+        (["--frames", "{tmp}/f.toml"], 1, "[BASE]: turn is not known. Known: fanuc_wpr_deg"),
         (["--skip", "nobody"], 2, "no target 'nobody'"),
     ],
 )

@@ -208,7 +208,7 @@ def test_a_table_in_other_units_is_written_back_in_them(tmp_path: Path) -> None:
         np.testing.assert_allclose([1e3 * float(v) for v in row[1:4]], determined[:3, 3], atol=2e-3)
         np.testing.assert_allclose(Rotation.from_rotvec([float(v) for v in row[4:7]]).as_matrix(), determined[:3, :3], atol=1e-6)
     for text, said in (
-        ("x=Q[m]", "has no such column; it has x, y, z"),
+        ("x=Q[m]", "has no such column. It has x, y, z"),
         ("rx=U", "angles with their unit"),
         ("speed=X", "a table of targets has"),
     ):

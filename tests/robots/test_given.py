@@ -94,9 +94,9 @@ def test_places_alone_ask_for_times_where_numbers_differ(tmp_path: Path) -> None
     joints, time_s, poses, _ = motion()
     there = trajectory(tmp_path / "t.csv", time_s, poses, oriented=False)
     assert len(given(there, table(tmp_path / "all.csv", joints), ROBOT, Stated()).rows) == 12
-    with pytest.raises(LMeasureError, match=r"has 11 rows, the trajectory 12 rests without orientations: .* a column time_s says it"):
+    with pytest.raises(LMeasureError, match=r"has 11 rows, but the trajectory has 12 rests without orientations, .* Add a column time_s"):
         given(there, table(tmp_path / "some.csv", joints[1:]), ROBOT, Stated())
-    with pytest.raises(LMeasureError, match="--joints FILE says the joint values at its rests"):
+    with pytest.raises(LMeasureError, match="State the joint values at its rests with --joints FILE"):
         given(Path("t.tum"), None, ROBOT, Stated())
     with pytest.raises(LMeasureError, match=r"late.csv: only 0 of 12 rests of the trajectory belong to one of its 12 rows: .* times"):
         given(there, table(tmp_path / "late.csv", joints, time_s=1e3 + np.arange(12.0)), ROBOT, Stated())
@@ -186,8 +186,8 @@ def test_markers_are_a_body_with_the_uncertainty_that_they_scatter_by(tmp_path: 
     path = marked(tmp_path / "spoilt.tsv", spoilt)
     body = body_of(read_markers(path), path)
     said = [str(note) for note in body.notes]
-    assert "markers A and D are swapped in 30 frames, the first at 1 s (line 111); this is corrected" in said
-    assert "marker C is off the body in 5 frames, the first at 2 s (line 211); it is not used there" in said
+    assert "markers A and D are swapped in 30 frames, the first at 1 s (line 111). This is corrected" in said
+    assert "marker C is off the body in 5 frames, the first at 2 s (line 211). It is not used there" in said
     assert f"marker B is missing in 31 of {len(poses)} frames" in said
     assert np.flatnonzero(np.isnan(body.poses[:, 0])).tolist() == [300]
     there = ~np.isnan(body.poses[:, 0])
@@ -202,14 +202,14 @@ def test_markers_of_a_robot_at_its_rests(tmp_path: Path) -> None:
     assert got.rows.stated == (True, True)
     found = identify(ROBOT, got.rows)
     assert np.linalg.norm(found.nominal_errors_mm(), axis=1).max() < 0.05
-    assert "a marker's coordinate scatters by" in " ".join(note.text for note in got.notes)
+    assert "A marker's coordinate scatters by" in " ".join(note.text for note in got.notes)
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("NO_OF_FRAMES\t1\nFREQUENCY\t10\n1\t2\t3\n", "has no MARKER_NAMES"),
-        ("NO_OF_FRAMES\t1\nFREQUENCY\t10\nDATA_INCLUDED\t6D\nMARKER_NAMES\tA\tB\tC\n", "export the markers' places"),
+        ("NO_OF_FRAMES\t1\nFREQUENCY\t10\nDATA_INCLUDED\t6D\nMARKER_NAMES\tA\tB\tC\n", "Export the markers' places"),
         ("NO_OF_FRAMES\t1\nMARKER_NAMES\tA\tB\tC\n" + "1\t" * 8 + "1\n", "neither columns Frame and Time nor a FREQUENCY"),
         ("NO_OF_FRAMES\t1\nFREQUENCY\t10\nMARKER_NAMES\tA\tB\tC\n" + "1\t" * 8 + "x\n", "line 4: 'x' is no number"),
         ("NO_OF_FRAMES\t1\nFREQUENCY\t10\nMARKER_NAMES\tA\tB\tC\n" + "1\t" * 9 + "1\n", "line 4: has 10 cells, 3 markers ask for 9"),

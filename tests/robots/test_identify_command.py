@@ -83,12 +83,12 @@ def truth_of_asked() -> NDArray[np.float64]:
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (["--robot", "kr210"], 2, "is no robot that comes along; known: "),
-        (["--robot", "ur5", "--free", "luck"], 2, "nothing that can be freed; known: links"),
+        (["--robot", "kr210"], 2, "is not a shipped robot. Known: "),
+        (["--robot", "ur5", "--free", "luck"], 2, "cannot be freed. Known: links"),
         (["--robot", "ur5", "--free", "stiffness"], 2, "the robot states no [payload], whose weight would turn its joints"),
         (["--robot", "ur5", "--tip", "flange"], 2, "works only with a .urdf"),
         (["--robot", "ur5", "--columns", "x"], 2, "'x' is not name=column[unit]"),
-        (["--robot", "ur5", "--columns", "x=Q"], 1, "column 'Q', which --columns says is x, is missing"),
+        (["--robot", "ur5", "--columns", "x=Q"], 1, "column 'Q', which is x in --columns, is missing"),
         (["--robot", "ur5", "--predict", "none.csv"], 1, "none.csv: cannot be read"),
     ],
 )

@@ -212,7 +212,7 @@ def test_files_of_parallel_robots_are_written_and_refused() -> None:
         with pytest.raises(RobotError, match=match):
             robot_from_dict(data, "robot.toml")
 
-    refused("robot.toml: leg: 5 equations hold the platform", leg={})
+    refused("robot.toml: leg: 5 equations constrain the platform", leg={})
     refused("home: leg_1 does not reach there", leg={"rod_mm": 100.0})
     refused("leg leg_1: its least joint value is not below", leg={"min_deg": 800.0})
     refused("leg: the name 'leg_2' is given twice", leg={"name": "leg_2"})

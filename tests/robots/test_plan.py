@@ -70,7 +70,7 @@ def test_targets_stay_in_the_instruments_zone() -> None:
     found = Allowed(robot, here, tool, np.zeros((0, 3, 2)), zone).candidates(100)
     at = se3.compose(np.tile(here, (100, 1)), se3.compose(robot.forward(found), np.tile(tool, (100, 1))))
     assert ((at[:, :3] >= [1500.0, -2000.0, -1500.0]) & (at[:, :3] <= [2900.0, 2000.0, 2500.0])).all()
-    with pytest.raises(RobotError, match="state where the robot is"):
+    with pytest.raises(RobotError, match="State where the robot is"):
         Allowed(robot, here + [8000.0, 0, 0, 0, 0, 0, 0], tool, np.zeros((0, 3, 2)), zone).candidates(100)
 
 

@@ -200,7 +200,7 @@ def test_two_arms_ask_for_a_tip(tmp_path: Path) -> None:
     other = '<joint name="three" type="continuous"><parent link="m"/><child link="f"/></joint></robot>'
     path = tmp_path / "two.urdf"
     path.write_text(URDF.replace("</robot>", other), encoding="utf-8")
-    with pytest.raises(RobotError, match=r"several chains could be meant: to 'e' \(2 joints\), 'f' \(2 joints\); state one with --tip"):
+    with pytest.raises(RobotError, match=r"several chains could be meant: to 'e' \(2 joints\), 'f' \(2 joints\). State one with --tip"):
         read_urdf(path)
     assert [j.name for j in read_urdf(path, "f").joint] == ["one", "three"]
 

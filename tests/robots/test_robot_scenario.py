@@ -91,7 +91,7 @@ def test_a_program_is_gone_through_and_certified_by_command(model: str, unit: st
 @pytest.mark.parametrize(
     ("robot", "more", "complaint"),
     [
-        ({"model": "rotopode"}, {}, "scenario: robot.model: 'rotopode' is no robot that comes along; known: "),
+        ({"model": "rotopode"}, {}, "scenario: robot.model: 'rotopode' is not a shipped robot. Known: "),
         ({"model": "rotopod-cell", "errors": {"leg_9.rod_mm": 1.0}}, {}, "robot.errors: 'leg_9.rod_mm' is no parameter of 'rotopod-cell'"),
         ({"model": "rotopod-cell", "commands": "c.csv"}, {}, "goes through .* one of them"),
         (
@@ -170,7 +170,7 @@ def test_a_platform_of_three_freedoms_is_simulated_certified_and_identified_by_c
 def test_a_platform_of_three_freedoms_says_that_the_rest_follows(tmp_path: Path) -> None:
     waypoint = [{"position_mm": [0.0, 0.0, -2.0], "quaternion_xyzw": [0.02, 0.01, 0.0, np.sqrt(1 - 5e-4)]}]
     run = simulate_robot(*scenario_from_dict(of({"model": "crank-platform"}, waypoint=waypoint)), tmp_path)
-    assert [text for text in run.remarks if "is commanded in rx, ry, z only; the other joints follow, and its tool is up to" in text]
+    assert [text for text in run.remarks if "is commanded in rx, ry, z only. The other joints follow, and its tool is up to" in text]
     rest = int(run.performance.spans[0].end_s * 100) - 1
     assert run.performance.poses[rest, 2] == pytest.approx(-2.0, abs=1e-4)
     turn = se3.matrices(run.performance.poses[rest])[:, 2]

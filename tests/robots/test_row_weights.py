@@ -119,7 +119,7 @@ def test_weights_cost_little_where_nothing_is_wrong() -> None:
 
 def test_too_few_rows_are_refused() -> None:
     _, rows, _ = places(4, 1.0)
-    with pytest.raises(RobotError, match="measured values are used up by what they determine, so no row's weight"):
+    with pytest.raises(RobotError, match="measured values leave no redundancy, so no row's weight"):
         identify(shipped("generic6").model, rows.of(np.arange(9)), WEIGHED)
     wild = 5.0 * np.random.default_rng(1).normal(size=(60, 3)) * (np.arange(60) < 29)[:, None]
     with pytest.raises(RobotError, match=r"weights leave 2\d\.\d of 60 rows, too few: they contradict each other"):

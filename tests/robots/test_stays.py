@@ -180,7 +180,7 @@ def test_a_joint_that_never_moved_is_named(tmp_path: Path) -> None:
     assert "warning joint-unmoved: joint_4 was at 28.6479 deg in all measurements" in said
     determined = read_table(out / "predictions.csv")
     most = f"{determined.numbers('u95_mm').max():.3g}"
-    assert f"asked.csv: 8 rows move joint_4, which did not move in any measurement; their U95 is up to {most} mm" in said
+    assert f"asked.csv: 8 rows move joint_4, which did not move in any measurement. Their U95 is up to {most} mm" in said
     # what `correct` reads states the same, but for the instrument, of which nothing is known here
     joints = np.radians(read_table(tables["asked"]).matrix(NAMES))
     assert read_identified(out).u95_mm(joints) == pytest.approx(determined.numbers("u95_mm"), rel=0.1)

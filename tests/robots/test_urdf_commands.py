@@ -134,6 +134,6 @@ def test_rapid_targets_whose_configuration_is_not_fixed_ask_for_near(identified:
     (tmp_path / "m.mod").write_text(program)
     said = ran("correct", tmp_path / "m.mod", "--identified", identified, "--out", tmp_path / "c")
     assert "0 of 1 targets corrected" in said
-    assert "its configuration may not apply (ConfJ or ConfL \\Off), and the robot's position before it is unknown; state --near" in said
+    assert "its configuration may not apply (ConfJ or ConfL \\Off), and the robot's position before it is unknown. State --near" in said
     said = ran("correct", tmp_path / "m.mod", "--identified", identified, "--near", "10,15,-20,30,40,-25", "--out", tmp_path / "d")
     assert "1 of 1 targets corrected" in said

@@ -317,7 +317,7 @@ SOME = '<limit lower="0" upper="1"/>'
 @pytest.mark.parametrize(
     ("more", "options", "said"),
     [
-        (SECOND_ARM, {}, r"to 'l4' \(4 joints\), 'm4' \(4 joints\); state one with --tip"),
+        (SECOND_ARM, {}, r"to 'l4' \(4 joints\), 'm4' \(4 joints\). State one with --tip"),
         ([*SECOND_ARM, *TOOLS], {}, r"to 'left_tool0' \(4 joints\), 'right_tool0'"),
         ([], {"tip": "a3"}, "it is a joint, whose link is 'l3'"),
         ([], {"tip": "nowhere"}, "links that end a chain: l4"),

@@ -159,7 +159,7 @@ def test_temperature_and_friction_are_in_the_uncertainty() -> None:
 def test_a_run_that_states_no_temperature_says_so() -> None:
     run, _ = exact_run(rig_with(CABLE, FRAME), rise=0.0)
     silent = Run(run.rig, START, (Counts(run.passes[0].time_s, run.rig.channels, run.passes[0].recorded),), unstated="exact")
-    assert any("no temperature is stated; the rig's reference of 20 deg C is used" in note for note in map(str, reconstruct(silent).notes))
+    assert any("no temperature is stated. The rig's reference of 20 deg C is used" in note for note in map(str, reconstruct(silent).notes))
 
 
 def test_a_drum_whose_spring_runs_out_is_refused() -> None:

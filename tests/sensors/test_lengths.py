@@ -133,7 +133,7 @@ def test_an_inferred_width_is_noted() -> None:
     shown = (k + 2**15) % 2**16 - 2**15
     lengths = lengths_from_counts(run_of(shown))
     assert lengths.counts[:, 1] == pytest.approx(-2 * k[:, 1])
-    assert "pass1.csv: counter_bits of channel ch2 is not stated; 16 bits are assumed from its jumps" in map(str, lengths.notes)
+    assert "pass1.csv: counter_bits of channel ch2 is not stated. 16 bits are assumed from its jumps" in map(str, lengths.notes)
 
 
 def test_a_foreign_value_and_an_unsure_counter() -> None:
@@ -233,7 +233,7 @@ def test_a_cable_that_cannot_run_is_named() -> None:
 def test_a_missing_channel_is_named() -> None:
     run = run_of(np.zeros((3, 3)))
     bare = replace(run.passes[0], channels=("ch1", "other"))
-    with pytest.raises(FileFormatError, match=r"pass1.csv: column 'ch2' is missing; it has ch1, other"):
+    with pytest.raises(FileFormatError, match=r"pass1.csv: column 'ch2' is missing. It has ch1, other"):
         lengths_from_counts(Run(run.rig, run.start, (bare, run.passes[1]), unstated="exact"))
 
 

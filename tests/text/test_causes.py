@@ -31,7 +31,7 @@ EVERY: list[tuple[Message, str]] = [
     (
         message("joined", first=message("cause.singular"), then=DETERMINED),
         "the cables do not determine the pose: it is singular here or on the path to it; not determined: a turn about "
-        "the axis through (40.0, -25.0, 0.0) mm along (0.000, 0.000, 1.000); determined since the last pose, within 0.0123 mm and 0.0021 "
+        "the axis through (40.0, -25.0, 0.0) mm along (0.000, 0.000, 1.000). Determined since the last pose, within 0.0123 mm and 0.0021 "
         "deg: a shift by (0.100, -0.200, 30.000) mm and a turn by (0.000, 0.500, 0.250) deg",
     ),
     (

@@ -187,7 +187,7 @@ def test_what_is_used_by_fewer_channels_has_fewer_degrees_of_freedom() -> None:
     assert [(d[0], d[3]) for d in spans_of(found)] == [(EVERY, "contradiction.among")]
     names = [RIG.cable[j].name for j in (1, 2)]
     assert found.every[0].said.values == {"cables": " or ".join(names)}
-    assert str(found.notes[0]).endswith(f": the cables contradict each other; one of {names[0]} or {names[1]} is wrong")
+    assert str(found.notes[0]).endswith(f": the cables contradict each other. One of {names[0]} or {names[1]} is wrong")
     epochs = with_errors((2, 100, 130, 0.2))
     epochs.change_mm[90:250, [0, 1, 3]] = np.nan
     assert not judged(epochs).every
@@ -206,7 +206,7 @@ def test_two_pairs_that_agree_among_themselves_tell_of_none_which_is_wrong() -> 
     epochs = with_errors((0, 100, 200, 0.2), (1, 100, 200, 0.2))
     found = judged(epochs)
     assert spans_of(found) == [(EVERY, 0.99, 1.99, "contradiction")]
-    assert str(found.notes[0]) == "from 0.99 s to 1.99 s: the cables contradict each other; the wrong one cannot be determined"
+    assert str(found.notes[0]) == "from 0.99 s to 1.99 s: the cables contradict each other. The wrong one cannot be determined"
     # settled, and not left out
     assert np.isfinite(epochs.change_mm).all()
 

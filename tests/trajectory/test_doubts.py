@@ -53,7 +53,7 @@ def test_each_break_doubts_its_channel_up_to_the_next() -> None:
     sign = cell().observation_point[2].drum.count_sign
     first = f"channel ch3 jumped by about {sign * 200:+d} counts (within 25) between 5 and 5.1 s: its origin is lost"
     assert tuple(map(str, doubts.notes)) == (
-        f"{first}; it fails again at 9 s",
+        f"{first}. It fails again at 9 s",
         "channel ch5 does not follow the smooth motion of the tool between 7 and 7.1 s: its origin is lost",
         f"channel ch3 jumped by about {sign * -100:+d} counts (within 25) between 9 and 9.1 s: its origin is lost",
     )
@@ -148,7 +148,7 @@ def test_a_rest_where_all_is_back_proves_it(length: FloatArray, proved: bool) ->
     rests = resting((1.0, PLACE), (6.0, length))
     doubts = doubts_of(cell(), found(at(2, 3.0)), rests)
     assert bool(doubts.every) is not proved
-    assert ("but at the rest at 6 s it is back: no counts are lost" in str(doubts.notes[0])) is proved
+    assert ("But at the rest at 6 s it is back: no counts are lost" in str(doubts.notes[0])) is proved
 
 
 def test_what_proves_nothing() -> None:
@@ -210,7 +210,7 @@ def test_steps_are_said_in_recorded_counts_of_the_channel_that_shows_least() -> 
         ". Jumps of ch4 are not detected: no four consecutive counts"
     )
     assert "too slowly" not in str(unseen_steps(cell(), found(least_mm=1.0)))
-    assert str(unseen_steps(cell(), found(least_mm=1.01))).endswith("for smaller jumps, the sampling is too slow for this speed")
+    assert str(unseen_steps(cell(), found(least_mm=1.01))).endswith("For smaller jumps, the sampling is too slow for this speed")
     jitter = replace(found(least_mm=1.5), jitter_mm=np.full(6, 1.0))
     assert str(unseen_steps(cell(), jitter)).endswith("counts (1.5 mm) or more are detected. The limit comes from irregular time stamps")
     for rounded in (0.0, 2.2e-11):

@@ -140,7 +140,7 @@ def test_a_table_under_other_names_units_and_marks(ours: tuple[Trajectory, objec
         (
             "a.csv",
             "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m]\n1,2,3\n",
-            "line 2 holds numbers, and no line above it names its 3 columns",
+            "line 2 contains numbers, and no line above it names its 3 columns",
         ),
         ("a.mcap", "no such thing", "cannot be read as MCAP"),
         ("a.csv", "time_s,x_mm,y_mm,z_mm,qx,qw\n0,1,2,3,0,1\n", "has qx, qw, but no qy, qz: a quaternion is all four"),
@@ -160,7 +160,7 @@ def test_what_cannot_be_read_is_named(name: str, text: str, determined: str, tmp
             "a.csv",
             "t,x_mm,y_mm,z_mm\n0,1,2,3\n",
             "t=t[s]",
-            "column 'time_s' is missing; it has t, x_mm, .*; --columns time=COLUMN.s. says which",
+            "column 'time_s' is missing. It has t, x_mm, .*; --columns time=COLUMN.s. says which",
         ),
         (
             "a.csv",
@@ -169,7 +169,7 @@ def test_what_cannot_be_read_is_named(name: str, text: str, determined: str, tmp
             "speed=x_mm: .*a.csv is read for .* time, .* x, y, z and controllers' angles, not for speed",
         ),
         ("a.csv", "time_s,x_mm,y_mm,z_mm\n0,1,2,3\n", "roll=x_mm", "not for roll"),
-        ("a.tum", "0 1 2 3 0 0 0 1\n", "x=X", "a.tum is a TUM file, which states itself what its columns are"),
+        ("a.tum", "0 1 2 3 0 0 0 1\n", "x=X", "a.tum is a TUM file, which defines its own columns"),
         ("a.csv", "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m]\n1,2,3,4\n", "x=X", "is an EuRoC file"),
     ],
 )
@@ -182,7 +182,7 @@ def test_a_mapping_that_says_nothing_of_the_file_is_named(name: str, text: str, 
 def test_a_mapping_says_of_messages_their_topic_alone(ours: tuple[Trajectory, object], tmp_path: Path) -> None:
     write_trajectory(tmp_path / "t.mcap", ours[0])
     assert len(read_trajectory(tmp_path / "t.mcap", Stated(columns_of("topic=/lmeasure/pose"))).time_s) == len(ours[0].time_s)
-    with pytest.raises(SettingsError, match="holds messages: topic=/NAME may be said of it, not x"):
+    with pytest.raises(SettingsError, match=r"contains messages. State topic=/NAME for it, not x"):
         read_trajectory(tmp_path / "t.mcap", Stated(columns_of("topic=/lmeasure/pose,x=X")))
 
 
@@ -270,10 +270,13 @@ def test_motion_says_what_times_and_windows_do_not_fit(said: Said, tmp_path: Pat
     wide = said("motion", made("t.tum", time_s, places / 1e3), "--half-width-s", "4.5", "--out", out)
     assert (wide[0], "4.5 s to either side of a trajectory that lasts 3.99 s" in str(wide[1]["error"])) == (2, True)
     late = said("motion", made("ns.tum", 1e9 * time_s, places / 1e3), "--out", out)
-    assert (late[0], "ns.tum: motion: no window of +-0.02 s holds 8 poses, which are 1e+07 s apart" in str(late[1]["error"])) == (1, True)
+    assert (late[0], "ns.tum: motion: no window of +-0.02 s contains 8 poses, which are 1e+07 s apart" in str(late[1]["error"])) == (
+        1,
+        True,
+    )
     assert not out.exists()
     fast = said("motion", made("mm.tum", time_s, places), "--half-width-s", "0.1", "--out", out)
-    assert (fast[0], fast[1]["warnings"]) == (0, ["note: 500 m/s is too fast for a robot; check the units of positions and times"])
+    assert (fast[0], fast[1]["warnings"]) == (0, ["note: 500 m/s is too fast for a robot. Check the units of positions and times"])
     right = said("motion", tmp_path / "t.tum", "--half-width-s", "0.1", "--force", "--out", out)
     assert (right[0], right[1]["warnings"]) == (0, [])
 
@@ -301,7 +304,7 @@ def test_two_angles_of_three_are_not_passed_over_in_silence(said: Said, tmp_path
     code, document = said("motion", tmp_path / "seen.csv", "--half-width-s", "0.1", "--out", tmp_path / "m.csv")
     assert (code, len(document["warnings"])) == (0, 1)
     assert (
-        "no orientation, or not under known column names (qx, qy, qz, qw, or a controller's angles); no result for rotations"
+        "no orientation, or not under known column names (qx, qy, qz, qw, or a controller's angles). No result for rotations"
         in document["warnings"][0]
     )
 
@@ -322,7 +325,7 @@ def test_the_convention_of_angles_is_that_of_units_and_program(said: Said, tmp_p
     words = ["certify", tmp_path / "ur.csv", "--columns", columns, *U, "--trials", "100", "--program", tmp_path / "program.toml"]
     code, document = said(*words, "--out", tmp_path / "o")
     assert code == 1
-    assert "T3, T4, T5 may be angles of staubli-xyz, ur-rotation-vector: --angles says which" in str(document["error"])
+    assert "T3, T4, T5 may be angles of staubli-xyz, ur-rotation-vector. Choose one with --angles" in str(document["error"])
     assert not (tmp_path / "o").exists()
     code, document = said(*words, "--angles", "ur-rotation-vector", "--out", tmp_path / "o")
     assert code == 0, document

@@ -57,7 +57,7 @@ def test_what_is_not_lost_is_measured_with_its_uncertainty() -> None:
     (said,) = explain(split, changes)
     text = str(said)
     assert text.startswith("not determined: a turn about the axis")
-    assert "determined since the last pose, within " in text
+    assert "Determined since the last pose, within " in text
 
 
 def test_a_run_into_a_singular_pose_says_what_is_lost() -> None:

@@ -83,7 +83,7 @@ def test_every_command_that_takes_a_run_takes_one_without_a_start(tmp_path: Path
     left = length_residuals(read_run(folder), read_trajectory(found).poses)
     assert 0.001 < np.abs(left).max() < 0.04
     for words, why in (
-        (["check-instrument", folder, "--out", tmp_path / "c"], "a check needs rests"),
+        (["check-instrument", folder, "--out", tmp_path / "c"], "A check needs rests"),
         (["calibrate", folder, "--self", "--out", tmp_path / "k"], "start"),
     ):
         assert why in refused(*words)

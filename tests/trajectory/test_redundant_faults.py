@@ -24,7 +24,7 @@ def test_redundant_cables_prove_an_origin(pairs: list[tuple[str, str]]) -> None:
     assert set(words(trajectory)) == {"ok"}
     assert set(trajectory.cable[600:900]) == {"c4"}
     assert set(trajectory.cable[:600]) | set(trajectory.cable[902:]) == {""}
-    assert any("but the other cables show that no counts are lost" in note for note in map(str, trajectory.notes))
+    assert any("But the other cables show that no counts are lost" in note for note in map(str, trajectory.notes))
     assert position_error(trajectory.poses, truth).max() < 0.03
 
 

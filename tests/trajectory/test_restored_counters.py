@@ -64,7 +64,7 @@ def test_a_counter_goes_on_though_the_others_lose_the_way(
     ok = found.status == Status.OK
     assert np.count_nonzero(~ok) <= unsure
     assert ok[begin + unsure :].all()
-    restored = [str(note) for note in found.notes if "restored from the other channels" in str(note)]
+    restored = [str(note) for note in found.notes if "Restored from the other channels" in str(note)]
     assert len(restored) == 1
     assert f"cable c{channel[2:]} " in restored[0]
     assert float(restored[0].split(" by ")[1].split(" mm")[0]) == pytest.approx(0.012 * size, abs=0.03)
@@ -79,7 +79,7 @@ def test_a_counter_goes_on_though_the_others_lose_the_way(
         # off by so much that no pose is found with it before what is known of its new origin is taken off
         ("ch5", 600, 3000, 3100, "has another origin after 1.322 s, by +37.2 mm (standard uncertainty"),
         # too little to be told from what went before: it is left out to the end
-        ("ch3", 900, 40, 70, "has another origin after 1.299 s, which the other channels do not determine; it is not used from there"),
+        ("ch3", 900, 40, 70, "has another origin after 1.299 s, which the other channels do not determine. It is not used from there"),
     ],
 )
 def test_a_counter_that_slips_and_then_steps_is_restored_only_where_its_origin_is_told(

@@ -86,7 +86,7 @@ def test_with_one_cable_too_many_a_contradiction_is_seen_but_not_named() -> None
     assert not bad[270:].any()
     assert np.isnan(trajectory.poses[bad]).all()
     assert set(trajectory.cable) == {""}
-    assert set(map(str, trajectory.cause[bad])) == {"the cables contradict each other; the wrong one cannot be determined"}
+    assert set(map(str, trajectory.cause[bad])) == {"the cables contradict each other. The wrong one cannot be determined"}
     assert position_error(trajectory.poses[~bad], motion(N)[1][~bad]).max() < 0.02
 
 

@@ -59,7 +59,7 @@ def test_a_drum_that_slips_goes_on_from_a_restored_origin(by: float, known: bool
     found = reconstruct(run if known else replace(run, start=None))
     assert (found.status == 0).all()
     assert stated_errors(found).max() < 3.5
-    notes = [str(note) for note in found.notes if "restored from the other channels" in str(note)]
+    notes = [str(note) for note in found.notes if "Restored from the other channels" in str(note)]
     assert len(notes) == 1
     assert notes[0].startswith("cable c3 ")
     size = float(notes[0].split(" by ")[1].split(" mm")[0])
@@ -160,7 +160,7 @@ def test_a_drum_that_slips_little_by_little_is_left_out_meanwhile_and_goes_on(by
     left_out = np.array([str(cause).startswith("without it") for cause in found.cause])
     assert left_out[700 : 700 + samples].sum() >= samples - 1
     assert not left_out[700 + samples + 150 :].any()
-    (note,) = (str(note) for note in found.notes if "restored from the other channels" in str(note))
+    (note,) = (str(note) for note in found.notes if "Restored from the other channels" in str(note))
     determined = re.search(r"by \+([\d.]+) mm \(standard uncertainty ([\d.e-]+) mm\)", note)
     assert determined is not None
     assert abs(float(determined[1]) - 0.01196 * by) < 4.0 * float(determined[2]) + 0.0005 * by

@@ -118,6 +118,6 @@ def test_a_plan_proposes_returns() -> None:
     rig = rig_from_dict(nominal(truth(2)))
     poses = real_rig.path(np.random.default_rng(3), 12)
     (line,) = proposed_returns(rig, poses, [f"p{i}" for i in range(12)], 500.0)
-    assert re.match(r"rest again at p0, p\d+, p\d+ at the end, and follow one path forth and back at 500 mm/s; this shows ", str(line))
+    assert re.match(r"rest again at p0, p\d+, p\d+ at the end, and follow one path forth and back at 500 mm/s. This shows ", str(line))
     assert "a rig that warmed by" in str(line)
     assert proposed_returns(rig, poses[:2], ["a", "b"]) == []

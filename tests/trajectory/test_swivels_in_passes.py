@@ -66,7 +66,7 @@ def test_a_drum_that_slips_in_its_second_pass_is_restored() -> None:
     recorded = second.recorded.copy()
     recorded[90:, second.channels.index("ch2")] += 400
     found = reconstruct(replace(run, passes=(run.passes[0], replace(second, recorded=recorded))))
-    assert any("restored from the other channels" in str(note) for note in found.notes)
+    assert any("Restored from the other channels" in str(note) for note in found.notes)
     assert RESTORED_ORIGIN in {cause.code for cause in found.cause[95:]}
     assert (found.status == Status.OK).all()
     np.testing.assert_allclose(found.poses[:, :3], poses[:, :3], atol=0.05)

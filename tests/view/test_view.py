@@ -246,7 +246,7 @@ def test_opens_with_a_blueprint(written: tuple[Path, SimulatedRun, Trajectory]) 
     assert {"/world", "/worst_pressure_angle_deg", "/u_position_mm", "/status", "/notes"} <= origins
     # six cables leave nothing over but rounding: it is kept, and not plotted
     assert "/residual_mm" not in origins
-    assert "rounding alone" in stored(written[0], "/notes", "TextDocument:text")[1][0][0]
+    assert "rounding errors below" in stored(written[0], "/notes", "TextDocument:text")[1][0][0]
     assert "Rig and gripper" in names
     assert timeline == "time"
 
@@ -260,7 +260,7 @@ def test_rerun_verifies_it(written: tuple[Path, SimulatedRun, Trajectory]) -> No
 def test_nothing_is_left_of_a_recording_that_fails(tmp_path: Path) -> None:
     trajectory = reconstruct(moved(cell_rig(0), 0.05).run)
     late = replace(trajectory, time_s=trajectory.time_s + 1e10)
-    with pytest.raises(LMeasureError, match=r"time_s = 1e\+10: a recording holds times up to 9e\+09 s"):
+    with pytest.raises(LMeasureError, match=r"time_s = 1e\+10: a recording contains times up to 9e\+09 s"):
         write_recording(tmp_path / "late.rrd", cell_rig(0), trajectory=late)
     with pytest.raises(FileFormatError, match=r"must end in \.rrd"):
         write_recording(tmp_path / "late.txt", cell_rig(0), trajectory=trajectory)

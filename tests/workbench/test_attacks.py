@@ -264,7 +264,7 @@ def test_files_that_stand_for_more_memory_than_there_is(asked: TestClient, proje
         for at in ("trajectory", "along", "export"):
             answer = asked.get(f"/{at}/{name}")
             assert answer.status_code == 422, (at, name)
-            assert "a page shows no such file" in answer.text, (at, name)
+            assert "Pages do not show such files" in answer.text, (at, name)
     # what no size tells: the process that reads has a bound, and is begun anew where it ends
     with pytest.raises(FileFormatError, match="needs more than 4096 MB"):
         worker.call(np.empty, (2**30,))  # type: ignore[arg-type]

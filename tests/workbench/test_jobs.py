@@ -129,14 +129,14 @@ def test_a_recording_outlives_the_server(tmp_path: Path) -> None:
         page = asked.get("/jobs/1").text
         assert "interrupted" in page
         assert asked.get("/look/run").status_code == 200
-        assert "No run has a start pose. State it on the run's page; every further step needs it." in unescape(asked.get("/robot").text)
+        assert "No run has a start pose. State it on the run's page. Every further step needs it." in unescape(asked.get("/robot").text)
         # stated by the page, it may be certified once there is a trajectory
         assert asked.post("/start/run", data={"start": "1,2"}).status_code == 422
         assert asked.post("/start/run", data={"start": "/etc/passwd"}).status_code == 422
         assert asked.post("/start/run", data={"start": "0,0,0,0,-90,90"}).status_code == 303
         # as it may be typed again
         assert "<code>0, 0, 0, 0, 0, 0, 1</code>" in asked.get("/start/run").text
-        assert "No run has a start pose. State it on the run's page; every further step needs it." not in unescape(asked.get("/robot").text)
+        assert "No run has a start pose. State it on the run's page. Every further step needs it." not in unescape(asked.get("/robot").text)
 
 
 @pytest.mark.slow

@@ -77,7 +77,7 @@ def test_a_recording_tells_in_the_words_of_who_reads(monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("LANGUAGE", "ru")
     reported = live(counting, 0.5, monkeypatch, capsys)
     assert "пропусков 3" in reported["faults_shown"]
-    assert reported["pose"]["text"] == "нет позы: начальная поза неизвестна; задайте --start"
+    assert reported["pose"]["text"] == "нет позы: начальная поза неизвестна. Задайте --start"
     assert live(counting, 9.0, monkeypatch, capsys)["pose"]["shown"] == "нет отсчётов"
 
 

@@ -75,7 +75,7 @@ def test_work_tells_how_far_it_is_and_what_it_wrote_and_ends_when_it_is_told(com
     assert result.summary
     for end_at in (0, len(whole.reported) - 1):
         watch = Watch(end_at)
-        with pytest.raises(CancelledError, match="nothing was left half-written"):
+        with pytest.raises(CancelledError, match="Nothing was left half-written"):
             run(asked(command, cell, tmp_path / f"ended{end_at}"), watch)
         assert len(watch.reported) == end_at + 1
         assert [p for p in (tmp_path / f"ended{end_at}").rglob("*") if p.is_file()] == []
