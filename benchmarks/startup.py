@@ -20,7 +20,7 @@ from study import options, show
 
 LONGEST_S = 20.0
 """For which the process in the background is waited for."""
-COMPILED = re.compile(r"compiled now: (.*)")
+COMPILED = re.compile(r"Compiled now: (.*)")
 
 
 def timed(command: list[str], environment: Mapping[str, str], output: Path) -> tuple[float, float]:

@@ -173,7 +173,7 @@ def test_slcan_on_a_serial_port(tmp_path: Path) -> None:
     [
         ("can0", "give INTERFACE:CHANNEL"),
         ("sockercan:can0", "'sockercan' is no interface. Known: .*socketcan"),
-        ("slcan:/dev/no-such-port", "slcan:/dev/no-such-port: cannot be opened: .*; `lmeasure scan` lists the adapters of this machine"),
+        ("slcan:/dev/no-such-port", "slcan:/dev/no-such-port: cannot be opened: .*. `lmeasure scan` lists the adapters of this machine"),
         ("socketcand:can0", "cannot be opened"),
         ("replay:absent.blf", "absent.blf: cannot be read"),
         ("simulated:absent.toml", "absent.toml"),
@@ -191,7 +191,7 @@ def test_a_driver_that_is_not_there_is_said_to_be_none() -> None:
     def opened() -> can.BusABC:
         raise NameError("name 'canGetNumberOfChannels' is not defined")
 
-    with pytest.raises(LMeasureError, match="kvaser:0: cannot be opened: its driver is not installed; `lmeasure scan`"):
+    with pytest.raises(LMeasureError, match=r"kvaser:0: cannot be opened: its driver is not installed. `lmeasure scan`"):
         BusSource(opened, "kvaser:0")
 
 

@@ -89,7 +89,7 @@ def test_signals_of_a_dbc_file_are_what_cantools_decodes(message: str, signal: s
     ("channel", "complaint"),
     [
         ({"message": "Drum", "signal": "Left"}, "message 'Drum' is not in it"),
-        ({"message": "Drums", "signal": "Middle"}, "has no signal 'Middle'; it has Left, Right"),
+        ({"message": "Drums", "signal": "Middle"}, "has no signal 'Middle'. It has Left, Right"),
         ({"message": "Odd", "signal": "Tiny"}, "signal 'Tiny' has 4 bits, a counter has 8 to 64"),
     ],
 )

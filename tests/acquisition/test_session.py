@@ -112,7 +112,7 @@ def test_passes_of_one_motion_join_one_folder(recorded: Path, tmp_path: Path) ->
         cable["pass"] = 1 + i % 2
     write_rig(tmp_path / "rig.toml", rig_from_dict(data))
     bus = f"replay:{recorded / 'run' / 'pass1.log'}"
-    with pytest.raises(AcquisitionError, match="there is no pass 3"):
+    with pytest.raises(AcquisitionError, match="There is no pass 3"):
         record_session(tmp_path / "rig.toml", bus, tmp_path / "run", passage=3, paced=False)
     with pytest.raises(FileFormatError, match=r"run\.toml: cannot be read"):
         record_session(tmp_path / "rig.toml", bus, tmp_path / "run", passage=2, paced=False)

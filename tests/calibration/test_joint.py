@@ -147,7 +147,7 @@ def test_one_point_on_five_cables_calibrates_itself() -> None:
 
 
 def test_what_the_counts_cannot_do_is_refused_in_one_line() -> None:
-    for rig, text in ((cell_rig(1), "6 cables bring 6 equations at a pose of 6 unknowns"), (point_rig(), "")):
+    for rig, text in ((cell_rig(1), "6 cables give 6 equations at a pose of 6 unknowns"), (point_rig(), "")):
         campaign, _ = simulated(rig, 12, 1.0, 0.01)
         if text:
             with pytest.raises(CalibrationError, match=text) as error:

@@ -97,7 +97,7 @@ def test_the_list_has_every_structure(run, tmp_path: Path) -> None:  # type: ign
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda t: t.replace('from = "B2"', 'from = "B7"'), "s.toml: link 1: the base has no point 'B7'; it has B1, B2, B3, B4"),
+        (lambda t: t.replace('from = "B2"', 'from = "B7"'), "s.toml: link 1: the base has no point 'B7'. It has B1, B2, B3, B4"),
         (lambda t: t.replace("length_mm = 10.5\n", ""), "s.toml: link 2: length_mm is missing. All links have it or none"),
         (lambda t: t.replace("length_mm = 10.5", "length_mm = -1.0"), "length_mm: must be positive"),
         (lambda t: t[: t.rindex("[[link]]")], "s.toml: has 5 links. A pose needs 6"),

@@ -136,8 +136,8 @@ def test_input_rods_by_command(tmp_path: Path) -> None:
     ("change", "says"),
     [
         (("joint_", "joint_"), None),
-        (('to = "P3"', 'to = "P9"'), "link 6: the platform has no point 'P9'; it has A1, A2, A3, P1, P2, P3"),
-        (('platform = "A2"', 'platform = "A9"'), "rod 2: the platform has no point 'A9'; it has A1, A2, A3"),
+        (('to = "P3"', 'to = "P9"'), "link 6: the platform has no point 'P9'. It has A1, A2, A3, P1, P2, P3"),
+        (('platform = "A2"', 'platform = "A9"'), "rod 2: the platform has no point 'A9'. It has A1, A2, A3"),
         (('name = "P3"', 'name = "B1"'), "rod 'B1': a point or another rod has this name"),
         (('from = "B3"\nto = "P3"', 'from = "P3"\nto = "P3"'), "link 6: joins the rod 'P3' to itself"),
         (('to = "P3"', 'to = "A3"'), "rod 'P3': no link ends at it"),

@@ -182,7 +182,7 @@ def test_a_person_checks_and_captures_on_a_narrow_terminal(tmp_path: Path, bench
         shown.type("\x7f\x7fake\r")
         shown.until("поза 3 (3 из 3)")
         shown.type("undo\r")
-        shown.until("отменено: считывание позы 2; осталось 1")
+        shown.until("отменено: считывание позы 2 (осталось 1)")
         shown.until("поза 2 (2 из 3)", times=2)
         shown.type("\r")
         shown.until("поза 3 (3 из 3)", times=2)

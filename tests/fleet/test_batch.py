@@ -144,7 +144,7 @@ def test_a_full_store_stops_the_batch_and_keeps_what_is_done(tmp_path: Path, mon
     with monkeypatch.context() as patch:
         patch.setattr("lmeasure.fleet.Store.keep", full)
         output = done("reconstruct", f"{runs}/*/*/run", *BY, "--out", store, code=1)
-    assert "No space left on device; 2 of 4 items are kept" in output
+    assert "No space left on device. 2 of 4 items are kept" in output
     assert "2 done, 0 failed, 2 unchanged" in done("reconstruct", f"{runs}/*/*/run", *BY, "--out", store)
 
 

@@ -116,7 +116,7 @@ def test_a_calibration_of_other_values_is_refused(tmp_path: Path, name: str) -> 
 @pytest.mark.parametrize(
     ("values", "name", "complaint"),
     [
-        ({}, "press", "is the calibration of rig 'press'; .*rig.toml is rig 'cell'"),
+        ({}, "press", "is the calibration of rig 'press', but .*rig.toml is rig 'cell'"),
         ({"B9.x_mm": 1.0}, "cell", "parameter B9.x_mm: there is no observation point B9 in .*rig.toml"),
         ({"B9.scale": 1.0}, "cell", "parameter B9.scale: there is no observation point B9"),
         ({"tool.P9.x_mm": 1.0}, "cell", r"parameter tool.P9.x_mm: there is no point P9 in \[tool\] of .*rig.toml"),

@@ -286,7 +286,7 @@ def test_texts_of_the_computation_are_translated_with_what_is_in_them(russian: t
         assert text in codes
         assert say.phrase(content, text) != text or codes[text] == "verdict.of_vector"
     beyond = message("zone.angle", angle_deg=71.2, limit_deg=60.0)
-    assert say.phrase({"language": "ru", "findings": [beyond.stated()]}, str(beyond)) == "наибольший угол давления 71,2°; граница зоны 60°"
+    assert say.phrase({"language": "ru", "findings": [beyond.stated()]}, str(beyond)) == "наибольший угол давления 71,2°. Граница зоны 60°"
     # what the certificate has no code for
     assert say.phrase({"language": "ru"}, "something else") == "something else"
 

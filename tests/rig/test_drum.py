@@ -145,9 +145,9 @@ def test_the_rig_is_filled() -> None:
     assert after.assumed == ("B1.scale", "P1")
     assert after.calibration is None
     assert with_drums(after, (measurement(),)).point("B1").drum.u_axial_offset_mm is None
-    with pytest.raises(RigError, match="rig 'demo': has no observation_point 'B7'; it has B1, B2"):
+    with pytest.raises(RigError, match=r"rig 'demo': has no observation_point 'B7'. It has B1, B2"):
         with_drums(before, (measurement(point="B7"),))
-    with pytest.raises(FileFormatError, match=r"drums.toml: has no drum of 'B2'; it has B1"):
+    with pytest.raises(FileFormatError, match=r"drums.toml: has no drum of 'B2'. It has B1"):
         choose((measurement(),), ["B2"], "drums.toml")
 
 

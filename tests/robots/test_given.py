@@ -98,7 +98,7 @@ def test_places_alone_ask_for_times_where_numbers_differ(tmp_path: Path) -> None
         given(there, table(tmp_path / "some.csv", joints[1:]), ROBOT, Stated())
     with pytest.raises(LMeasureError, match="State the joint values at its rests with --joints FILE"):
         given(Path("t.tum"), None, ROBOT, Stated())
-    with pytest.raises(LMeasureError, match=r"late.csv: only 0 of 12 rests of the trajectory belong to one of its 12 rows: .* times"):
+    with pytest.raises(LMeasureError, match=r"late.csv: only 0 of 12 rests of the trajectory belong to one of its 12 rows. .* times"):
         given(there, table(tmp_path / "late.csv", joints, time_s=1e3 + np.arange(12.0)), ROBOT, Stated())
     with pytest.raises(LMeasureError, match="its time is before that of the row before"):
         given(there, table(tmp_path / "back.csv", joints, time_s=-np.arange(12.0)), ROBOT, Stated())

@@ -265,7 +265,7 @@ def test_rows_that_cannot_be_read_are_named(line: str, said: str, tmp_path: Path
 def test_what_is_missing_is_said() -> None:
     with pytest.raises(LMeasureError, match="is not name=column"):
         columns_of("x:X")
-    with pytest.raises(LMeasureError, match="at least 3 are needed"):
+    with pytest.raises(LMeasureError, match="At least 3 are needed"):
         identify(shipped("ur5").model, real(slice(0, 2)))
     with pytest.raises(RobotError, match="all 20 rows have the same joint values"):
         identify(shipped("ur5").model, real(slice(0, 20)).of(np.zeros(20, dtype=np.int64)))

@@ -55,7 +55,7 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
         out.parent / "asked.csv",
     )  # fmt: skip
     assert "of the .urdf: base 'base_link' (--base-link), flange 'tool0' (--tip)" in said
-    assert "warning predict: target 'ball' was not measured (measured: tool); its 1 rows are not used" in said
+    assert "warning predict: target 'ball' was not measured (measured: tool). Its 1 rows are not used" in said
     return out
 
 

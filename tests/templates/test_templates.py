@@ -174,7 +174,7 @@ def test_from_an_empty_folder_to_a_placed_zone(tmp_path: Path) -> None:
     record = read_calibration_record(tmp_path / "calibrated" / "calibration.json")
     assert not [w.code for w in record.warnings if w.code in ("sign", "swapped", "scale", "edge", "outlier")]
     reported = done("zone", "@calibrated/rig.toml", "--tilt-rad", "0.1", "--out", "@zone.nc")
-    assert re.search(r"the box is --x \S+ --y \S+ --z \S+, around the rig", reported)
+    assert re.search(r"The box is --x \S+ --y \S+ --z \S+, around the rig", reported)
     assert int(read_zone(tmp_path / "zone.nc")["in_zone"].sum()) > 0
     # a smaller task than the one that comes along takes a fraction of its time
     text = (tmp_path / "placement.toml").read_text()

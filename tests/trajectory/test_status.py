@@ -165,7 +165,7 @@ def test_a_start_whose_uncertainty_reaches_a_singular_pose_is_refused(rig: Rig) 
     # some 0.2 rad from there the determinant of the rows changes its sign
     assert (reconstruct(replace(run, u_start=(0.1, 0.001))).status == Status.OK).all()
     with pytest.raises(
-        TrajectoryError, match=r"start: its uncertainty reaches a singular pose .*badly seen: a turn about .*cannot be determined"
+        TrajectoryError, match=r"start: its uncertainty reaches a singular pose .*poorly determined: a turn about .*cannot be determined"
     ):
         reconstruct(replace(run, u_start=(0.1, 0.3)))
     assert (reconstruct(replace(record(rig, *motion(3)), u_start=(1.0, 0.02))).status == Status.OK).all()
