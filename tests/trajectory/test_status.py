@@ -142,7 +142,7 @@ def test_a_singular_start_is_refused() -> None:
         k, z = (6.0, 500.0) if point["name"] in {"B1", "B3", "B5"} else (4.0, -700.0)
         points.append(point | {"position_mm": [k * x, k * y, z], "pulley_radius_mm": 0.0})
     rig = cell(observation_point=points, tool=tool)
-    with pytest.raises(TrajectoryError, match=r"singular .*; not determined: a turn about the axis through .* mm along \(.*1\.000\)"):
+    with pytest.raises(TrajectoryError, match=r"singular .*. Not determined: a turn about the axis through .* mm along \(.*1\.000\)"):
         reconstruct(record(rig, np.arange(3.0), np.tile(START, (3, 1))))
 
 
