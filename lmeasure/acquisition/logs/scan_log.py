@@ -94,7 +94,7 @@ class Carried:
     counters: tuple[Field, ...]
     others: tuple[str, ...]
     answers: int | None = None
-    """It answers every n-th SYNC; None of what does not answer."""
+    """It answers every n-th SYNC; None if it does not answer."""
     multiplexed: bool = False
     """It carries several counters in turn, which no `[can]` table can say without a DBC file."""
     time_s: FloatArray = field(default_factory=lambda: np.empty(0), repr=False, compare=False)

@@ -196,7 +196,7 @@ def minimax(
 
 
 _SAMPLES = 16
-"""Of trigonometric polynomials of degree four, which nine would determine."""
+"""Samples of trigonometric polynomials of degree four, which nine would determine."""
 KINDS = {"point on a line": 1, "line in a plane": 1, "line": 2, "point": 3, "plane": 3}
 """Kinds, and how many links complete each."""
 
