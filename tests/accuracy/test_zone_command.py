@@ -48,7 +48,7 @@ def test_without_ranges_the_box_is_around_the_rig_and_said(rig_file: Path) -> No
     result = ran("zone", rig_file, "--limit-deg", "45", "--out", out)
     (x, y, z), rig = box_around(cell()), cell()
     written = " ".join(f"--{name} {a:g}:{b:g}:{step:g}" for name, (a, b, step) in zip("xyz", (x, y, z), strict=True))
-    assert result.startswith(f"no range stated; the box is {written}, around the rig\n")
+    assert result.startswith(f"no range stated. The box is {written}, around the rig\n")
     zone, points = read_zone(out), np.array([p.position_mm for p in rig.observation_point])
     for axis, name in enumerate("xyz"):
         nodes = zone[name].values
@@ -61,7 +61,7 @@ def test_without_ranges_the_box_is_around_the_rig_and_said(rig_file: Path) -> No
     assert "no range" not in again
     some = written.split()[:2]
     part = ran("zone", rig_file, "--limit-deg", "45", *some, "--force", "--out", out)
-    assert part.startswith(f"no range stated for --y, --z; the box is {' '.join(written.split()[2:])}, around the rig\n")
+    assert part.startswith(f"no range stated for --y, --z. The box is {' '.join(written.split()[2:])}, around the rig\n")
 
 
 @pytest.mark.parametrize("places", [[(0, 0, 0)], [(10, 20, 3000), (900, -700, 3000)], [(1e5, 0, 0), (0, 1, 0)]])
@@ -80,7 +80,7 @@ def test_a_box_around_points_of_any_shape(places: list[tuple[float, float, float
 
 def test_an_empty_zone_says_what_to_do(rig_file: Path) -> None:
     result = ran("zone", rig_file, *box("-100:100:100"), "--limit-deg", "1", "--out", rig_file.parent / "z.nc")
-    assert "no position of the box is in the zone; pressure angle alone excludes 27 nodes" in result
+    assert "no position of the box is in the zone: pressure angle alone excludes 27 nodes" in result
     assert f"lmeasure place {rig_file} --task placement.toml --out placed" in result
     whole = rig_file.parent / "z-whole.nc"
     assert result.splitlines()[-1] == f"next: lmeasure zone {rig_file} --out {whole}"

@@ -141,7 +141,10 @@ def test_a_rig_that_is_wired_right_passes() -> None:
         ),
         (
             {"scale": 0.5},
-            [f"cable c{i}: 3000 counts per turn, but the rig has 6000; 0.5 times as many, as with another decoding scale" for i in (1, 2)],
+            [
+                f"cable c{i}: 3000 counts per turn, but the rig has 6000. This is 0.5 times as many, as with another decoding scale"
+                for i in (1, 2)
+            ],
         ),
         ({"turns": False, "slip_mm": 2.0}, [f"cable c{i}: came back +1.99" for i in (1, 2)]),
         ({"turns": False, "trembling": 1}, ["channel ch2: moves by 10 counts while at rest"]),

@@ -156,7 +156,7 @@ def test_a_log_in_which_nothing_moved_says_so(tmp_path: Path) -> None:
 
 def test_the_command_scans_without_a_rig_and_asks_for_one_otherwise(log: Path) -> None:
     assert 'decoder = "raw"' in ran("import", log, "--scan")
-    assert "--scan` lists what the log holds" in " ".join(refused("import", log, code=2).replace("│", " ").split())
+    assert "--scan` lists the content of the log" in " ".join(refused("import", log, code=2).replace("│", " ").split())
 
 
 @pytest.mark.parametrize(

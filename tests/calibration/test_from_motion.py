@@ -211,7 +211,7 @@ def test_commands_write_a_new_rig_or_one_line(tmp_path: Path) -> None:
     for more, text in (
         ([], "a run has no reference poses"),
         (["--self", "--distance", "start,99,100,0.1"], "99 s lies outside of"),
-        (["--continue", "--rig", tmp_path / "new" / "rig.toml"], "are in the record already"),
+        (["--continue", "--rig", tmp_path / "new" / "rig.toml"], "the record already contains its counts"),
     ):
         assert text in refused(*asked, tmp_path / "x", *more)
     refused(*asked, tmp_path / "x", "--self", "--distance", "start,100,0.1", code=2)

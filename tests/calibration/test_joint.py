@@ -231,7 +231,7 @@ def test_the_command_writes_the_poses_it_found(tmp_path: Path) -> None:
     )
     write_campaign(tmp_path / "folder", made)
     done = ran("calibrate", tmp_path / "folder", "--out", tmp_path / "out", "--self", "--frame", "poses")
-    assert "6 motions of rig and poses together are free; the frame minimizes the shifts from" in done
+    assert "6 motions of rig and poses together are free. The frame minimizes the shifts from" in done
     poses = read_poses(tmp_path / "out" / "poses.csv", "puma-oat")
     place, _ = aligned(poses.rows, made.poses)
     assert np.sqrt(np.mean(place**2)) < 0.05

@@ -182,7 +182,7 @@ def test_an_interrupted_command_says_so(tmp_path: Path, monkeypatch: pytest.Monk
         raise KeyboardInterrupt
 
     monkeypatch.setattr("lmeasure.certificate.new_key", interrupted)
-    assert refused("key", "--out", tmp_path / "k.pem", code=130) == "interrupted; nothing was left half-written"
+    assert refused("key", "--out", tmp_path / "k.pem", code=130) == "interrupted. Nothing was left half-written"
 
 
 def test_a_program_is_written_with_its_commands_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

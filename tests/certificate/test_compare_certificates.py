@@ -300,7 +300,7 @@ def test_the_page_of_a_correction(tmp_path: Path) -> None:
         assert all(f"LM-{i}" in text for i in (0, 1))
     (tmp_path / "corrections.json").write_text("{}")
     done = refused(*given, "--out", tmp_path / "none.json", "--corrections", tmp_path / "corrections.json")
-    assert "not what `lmeasure correct` writes" in done
+    assert "not written by `lmeasure correct`" in done
     assert f"{tmp_path / 'nowhere.json'}: cannot be read" in refused(*given, "--corrections", tmp_path / "nowhere.json")
     assert not (tmp_path / "none.json").exists()
     both = ["--out", str(tmp_path / "figures.json"), "--page", str(tmp_path / "page.html")]

@@ -117,8 +117,8 @@ def test_a_rig_that_cannot_tell_a_pose_live_says_why(tmp_path: Path) -> None:
     assert "has 5 cables" in done.stderr
     done = lmeasure(*words, "--out", tmp_path / "again")
     assert done.returncode == 0, done.stderr
-    assert "no pose: the start pose is unknown; state --start" in done.stderr
-    assert "no --start pose; state [start] in" in done.stdout
+    assert "no pose: the start pose is unknown. State --start" in done.stderr
+    assert "no --start pose. State [start] in" in done.stdout
     assert "start" not in files.read_toml(tmp_path / "again" / "run.toml")
 
 

@@ -119,7 +119,7 @@ def test_the_command_prints_value_uncertainty_and_truth(done: RobotDemo, monkeyp
     assert "improvement: " in printed
     assert "\ntrue error " in printed
     assert (
-        f"of {len(done.held)} characteristics lie within U95 of the truth; the calibration error is one draw that all of them share"
+        f"of {len(done.held)} characteristics lie within U95 of the truth. The calibration error is one draw that all of them share"
         in printed
     )
     # as it was certified alone, it prints the same but for the correction

@@ -118,7 +118,7 @@ def test_forces_come_from_the_log_of_the_loads(loaded: tuple[Path, Program, Traj
     write_times(folder / "loads.csv", windows)
     given = ["program", "--out", str(folder), "--ran", str(folder / "trajectory.parquet")]
     before = (folder / "program.toml").read_bytes()
-    assert "cannot be distinguished: say when each force acted, by --loaded" in refused(*given)
+    assert "cannot be distinguished. State the times of each force with --loaded" in refused(*given)
     assert (folder / "program.toml").read_bytes() == before
     ran(*given, "--loaded", folder / "loads.csv")
     found = read_program(folder / "program.toml")

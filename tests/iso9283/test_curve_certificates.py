@@ -117,4 +117,4 @@ def test_from_a_log_of_free_running_encoders_to_a_certificate(
         assert certificate["measurement"].get("continuous", False) == bool(more)
     assert abs(found["curve"]["CR"]["value"] - 2.0) < found["curve"]["CR"]["u95"] < 0.3 * found["samples"]["CR"]["u95"]
     # the file is that of samples now
-    assert "is not what" in refused("certify", out, "--program", program, "--run", run, "--out", run + "2", "--continuous")
+    assert "differs from" in refused("certify", out, "--program", program, "--run", run, "--out", run + "2", "--continuous")

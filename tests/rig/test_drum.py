@@ -159,7 +159,7 @@ def test_the_command(tmp_path: Path) -> None:
     arguments = ["drum", str(tmp_path / "drums.toml"), "--rig", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "out.toml")]
     done = ran(*arguments, "--point", "B1")
     assert "B1: tangent 149.757 mm (u not stated), axial offset 20.000 mm (u 0.300), 0.012 mm per count; groove angle 1.194 deg" in done
-    assert "note: the link to calibration.json is removed, because it belongs to the earlier drums; calibrate again" in done
+    assert "note: the link to calibration.json is removed, because it belongs to the earlier drums. Calibrate again" in done
     rig = read_rig(tmp_path / "out.toml")
     assert rig.point("B1").drum.tangent_length_mm == pytest.approx(149.756507, abs=1e-6)
     assert rig.point("B2").drum.tangent_length_mm == 0

@@ -88,7 +88,7 @@ def test_a_rig_in_metres_is_used_and_named(tmp_path: Path) -> None:
     rig = in_unit(tomllib.loads(RIGS[0].read_text(encoding="utf-8")), 1e-3)
     (tmp_path / "rig.toml").write_text(tomli_w.dumps(rig), encoding="utf-8")
     words = ["drum", str(ROOT / "docs" / "nothing.toml"), "--rig", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "new.toml")]
-    assert "in metres, this would be" in refused(*words).splitlines()[-1]
+    assert "In metres, this would be" in refused(*words).splitlines()[-1]
     # what people answer
     spans = ["my cell", *[""] * 40]
     assert "this would be" not in ran("init", tmp_path / "cell", typed="\n".join(["six-cables", *spans]))

@@ -267,4 +267,4 @@ def test_an_identification_that_is_none(tmp_path: Path, identified: tuple[Path, 
     (tmp_path / "robot.toml").write_bytes((folder / "id" / "robot.toml").read_bytes())
     (tmp_path / "identified.json").write_text('{"parameters": []}')
     path = program(tmp_path, read_identified(folder / "id"), joints_of(np.random.default_rng(6), 2))
-    assert "not what `lmeasure identify` writes" in refused("correct", path, "--identified", tmp_path, "--out", tmp_path / "o")
+    assert "not written by `lmeasure identify`" in refused("correct", path, "--identified", tmp_path, "--out", tmp_path / "o")

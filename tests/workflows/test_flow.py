@@ -91,7 +91,7 @@ def test_what_is_not_its_own_is_not_written_over_by_scripts_either(cell: Path, t
 def test_a_command_that_is_ended_is_as_by_ctrl_c(cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(FACES, "reconstruct", lambda workflow, settings: workflow.run(settings, Watch(0)))
     said = refused("reconstruct", cell / "run", "--out", tmp_path / "t.csv", code=130)
-    assert said == "interrupted; nothing was left half-written"
+    assert said == "interrupted. Nothing was left half-written"
     assert list(tmp_path.iterdir()) == []
 
 
