@@ -40,7 +40,7 @@ def test_readme_line_by_line(empty: Path, capsys: pytest.CaptureFixture[str]) ->
             with capsys.disabled():
                 print(f"\n{words[:60]}: {took:.1f} s", end="")
     # what was measured is where it was simulated, within what is stated
-    truth, found = here["made"].run.poses, here["trajectory"]
+    truth, found = here["run"].run.poses, here["trajectory"]
     off = np.linalg.norm(found.poses[:, :3] - truth[:, :3], axis=1)
     stated = np.sqrt(np.trace((found.random + found.systematic)[:, 3:, 3:], axis1=1, axis2=2))
     assert np.sqrt(np.mean((off / stated) ** 2)) < 3.0
