@@ -76,7 +76,7 @@ COLOURS = 70
 """Height of a colour bar under a scene, in pixels."""
 UNDER = 80
 """Room for it under a scene: where plotly has to find more, as in a window made narrower, it draws the bar too low at first."""
-NEARER = 0.85
+NEARER = 0.92
 """Factor by which the eye comes nearer to the scene of a first screen, which is wider than high."""
 HALF_VIEW = math.tan(math.pi / 8)
 """Half of the height that plotly's eye sees at the distance one."""
@@ -114,14 +114,13 @@ def figure(drawing: go.Figure, name: str, language: str = "en", *, hero: bool = 
         eye = drawing.layout.scene.camera.eye
         drawing.update_scenes({"camera": {"eye": {axis: NEARER * eye[axis] for axis in "xyz"}}})
     ready = str(drawing.to_html(full_html=False, include_plotlyjs=False, div_id=name, config=config))
-    if hero:
-        return Markup(f'<div class="scene" style="--legend:{_legend_high(drawing) if scene else 0}px">{ready}</div>')
-    if not scene and not one_scale:
+    if not (hero or scene or one_scale):
         return Markup(ready)
-    high = _high(drawing) if scene else _high_flat(drawing)
+    high = _high(drawing) if scene else _high_flat(drawing) if one_scale else 0.8 * MOST_HIGH
     under = UNDER if drawing.layout.margin.b is None else drawing.layout.margin.b
     beside = ROOM + max(under, _legend_high(drawing) + COLOURS * any(_has_bar(trace) for trace in drawing.data))
-    return Markup(f'<div class="scene" style="height:min({given / 16:g}rem, calc({high:.0f}vw + {beside}px))">{ready}</div>')
+    narrow = f"calc({high:.0f}vw + {beside}px)"
+    return Markup(f'<div class="scene" style="{f"--high:{narrow}" if hero else f"height:min({given / 16:g}rem, {narrow})"}">{ready}</div>')
 
 
 def cable_ways(rows: FloatArray, pose: FloatArray) -> FloatArray:

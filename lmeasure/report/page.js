@@ -2,7 +2,7 @@
   // A plot follows the size of its place, whatever changes that: the window, a fold, zoom. By itself it follows the window alone.
   // Its letters follow those of the page in size and colour, and its height, where it has one of its own, follows its letters.
   const plots = document.querySelectorAll('.plotly-graph-div');
-  const SHEET = 880; // of a plot on paper, with its heading
+  const sheet = (plot) => (plot.closest('.parts') ? 360 : plot.closest('.scene') ? 420 : 880); // height on paper, where two parts share a sheet
   const wall = matchMedia('(min-width: 190rem)'), dark = matchMedia('(prefers-color-scheme: dark)');
   const paper = () => document.body.classList.contains('paper');
   const fit = (plot) => {
@@ -10,7 +10,7 @@
     if (!drawn || !plot.clientWidth) return;
     if (plot.high && !paper()) [plot.layout.height, plot.high] = [plot.high, 0];
     if (size !== drawn.font.size && plot.layout.height) plot.layout.height *= size / drawn.font.size;
-    if (paper() && plot.layout.height > SHEET) [plot.high, plot.layout.height] = [plot.layout.height, SHEET];
+    if (paper() && plot.layout.height > sheet(plot)) [plot.high, plot.layout.height] = [plot.layout.height, sheet(plot)];
     if (plot.layout.height) plot.style.height = plot.parentElement.style.height = `${plot.layout.height}px`;
     const high = (plot.layout.height || plot.closest('.scene')) && Math.abs(plot.clientHeight - drawn.height) > 0.6;
     if (high || plot.clientWidth !== Math.round(drawn.width) || size !== drawn.font.size || plot.layout.font?.color !== ink)
@@ -32,8 +32,7 @@
     document.body.classList.toggle('paper', on);
     for (const plot of plots) {
       const scene = plot.closest('.scene');
-      if (scene) scene.style.maxHeight = on ? '420px' : '';
-      if (scene) scene.style.minHeight = on ? '420px' : '';
+      if (scene) scene.style.maxHeight = scene.style.minHeight = on ? `${sheet(plot)}px` : '';
       fit(plot);
     }
   };
