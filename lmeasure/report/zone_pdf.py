@@ -26,7 +26,7 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
     """Write the PDF (A4, PDF/A-2b): findings, slices, figures, reasons, the rig's drawing; whole or not at all."""
     found, say = extent(zone), Say(language)
     limit = f"{say.number(zone.attrs['limit_deg'], 'g')}°"
-    levels = "zone.worst_pressure_angle_over_orientations" + ("" if zone_text.has_edge(zone) else "_x")
+    levels = ("zone.worst_pressure_angle_over_orientations_x", "zone.worst_pressure_angle_over_orientations")[zone_text.has_edge(zone)]
     sides = [(say("zone.right_up", right=h.upper(), up=v.upper()), lines) for h, v, lines in views(zone, rig)]
     content: dict[str, Any] = {
         "language": language,
