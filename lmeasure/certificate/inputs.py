@@ -17,6 +17,7 @@ from lmeasure.io import columns_of, files
 from lmeasure.iso9283 import CertificationSettings, Evaluation, evaluate, undecided
 from lmeasure.recording import POSITION_COLUMNS, Program, Run, read_program, read_run, read_run_head
 from lmeasure.rig import CalibrationRecord, Rig
+from lmeasure.robots import any_shipped, read_joint_log, read_robot
 from lmeasure.sensors import OTHERS, stated as unsolved_stated
 from lmeasure.text import Message, message
 from lmeasure.trajectory import (
@@ -33,10 +34,11 @@ from lmeasure.trajectory import (
 
 Progress = Callable[[int, int], None]
 
+MAIN = ("AP_p", "RP_l", "AD_p", "RD", "AT_p", "RT_p", "AV", "RV", "FV", "CR", "CO")  # Results that a certificate states without the log
 SAME_POSITION_MM = 1e-6
 SAME_QUATERNION = 1e-9
 SAME_TIME_S = 1e-9
-_BESIDE = {"columns": str, "u_position_mm": float, "u_rotation_deg": float, "continuous": bool}
+_BESIDE = {"columns": str, "u_position_mm": float, "u_rotation_deg": float, "continuous": bool, "robot": str}
 """Settings that `Inputs.stated` keeps where they are used, with their types."""
 
 
@@ -44,7 +46,7 @@ _BESIDE = {"columns": str, "u_position_mm": float, "u_rotation_deg": float, "con
 class Inputs:
     """The files a certificate is made of; rig replaces the run's own, details may be missing.
 
-    constraint, repeatability_mm, continuous: settings of `reconstruct`, where a run is given.
+    constraint, repeatability_mm, continuous, joints, robot: settings of `reconstruct`, where a run is given.
     """
 
     trajectory: Path
@@ -55,6 +57,8 @@ class Inputs:
     constraint: str | None = None
     repeatability_mm: float = 0.0
     continuous: bool = False
+    joints: Path | None = None
+    robot: str | None = None
     columns: str = ""
     """Assignment of columns of another instrument's trajectory, in the form of `--columns`."""
     u_position_mm: float | None = None
@@ -80,6 +84,10 @@ class Inputs:
             for key, link in links.items():
                 if link is not None:
                     out[_beside(place, link, f"{self.details}: {key}")] = self.details.parent / link
+        if self.joints is not None:
+            out[self._joints] = self.joints
+        if self._robot is not None:
+            out[f"{INPUTS}/robot.toml"] = self._robot
         if self.run is not None:
             head = read_run_head(self.run, self.rig)
             out[f"{INPUTS}/run/run.toml"] = self.run / "run.toml"
@@ -97,6 +105,15 @@ class Inputs:
                 raise CertificationError(message("error.its_copy_would_have", where=out[name], out=out[first]))
         return out
 
+    @property
+    def _joints(self) -> str:
+        return f"{INPUTS}/joints{'' if self.joints is None else self.joints.suffix.lower()}"
+
+    @property
+    def _robot(self) -> Path | None:
+        """The robot's file, None for a robot that comes along."""
+        return None if self.robot is None or not Path(self.robot).suffix else Path(self.robot)
+
     def stated(self) -> dict[str, Any]:
         """Return the settings of `inputs_in` besides the files, for certificate.json."""
         return {
@@ -108,13 +125,15 @@ class Inputs:
             "constraint": self.constraint,
             "repeatability_mm": self.repeatability_mm,
             **{name: getattr(self, name) for name in _BESIDE if getattr(self, name) not in (None, "", False)},
+            **({} if self.joints is None else {"joints": self._joints}),
+            **({} if self._robot is None else {"robot": f"{INPUTS}/robot.toml"}),
         }
 
 
 def inputs_in(folder: Path, stated: dict[str, Any]) -> Inputs:
     """Return the inputs of a bundle, from the output of `Inputs.stated`; CertificationError if it is anything else."""
     places: dict[str, Any] = {}
-    for key in ("trajectory", "program", "run", "rig", "details"):
+    for key in ("trajectory", "program", "run", "rig", "details", "joints"):
         name = stated.get(key)
         if isinstance(name, str):
             places[key] = folder / safe_name(name)
@@ -126,6 +145,8 @@ def inputs_in(folder: Path, stated: dict[str, Any]) -> Inputs:
     beside = {name: stated[name] for name in _BESIDE if name in stated}
     if not all(isinstance(value, _BESIDE[name]) for name, value in beside.items()):
         raise CertificationError(message("error.certificate_json_measurement_columns"))
+    if Path(beside.get("robot", "")).suffix:
+        beside["robot"] = str(folder / safe_name(beside["robot"]))
     return replace(Inputs(**places), constraint=constraint, repeatability_mm=repeatability, sealed=True, **beside)
 
 
@@ -232,8 +253,16 @@ def _measured(
     run = read_run(inputs.run, inputs.rig)
     aligned = align(run)
     model: ErrorModel
+    without: tuple[Message, ...] = ()
     if inputs.continuous:
-        trajectory, curve = reconstruct_curve(aligned, inputs.constraint)
+        joints = None
+        if inputs.joints is not None and inputs.robot is not None:
+            robot = any_shipped(inputs.robot) if inputs._robot is None else read_robot(inputs._robot)
+            joints = read_joint_log(inputs.joints, robot.model)
+        trajectory, curve = reconstruct_curve(aligned, inputs.constraint, joints=joints)
+        if joints is not None:
+            alone, own = reconstruct_curve(aligned, inputs.constraint)
+            without = _without_log(evaluate(alone, program, ErrorsOfCurve(own), run=run, settings=settings))
         model = ErrorsOfCurve(curve)
     else:
         trajectory = reconstruct(aligned, inputs.constraint, inputs.repeatability_mm, covariances=False) if known is None else known
@@ -241,8 +270,16 @@ def _measured(
     if same:
         _check_same(inputs.trajectory, trajectory)
     evaluation = evaluate(trajectory, program, model, run=run, settings=settings, progress=progress)
-    notes: tuple[Message | str, ...] = (*doubts, *trajectory.notes, *trajectory.assumed.lines)
+    notes: tuple[Message | str, ...] = (*doubts, *trajectory.notes, *without, *trajectory.assumed.lines)
     return Measured(evaluation, trajectory, program, details, run.rig, run.calibration, _systematic(run), notes, logo)
+
+
+def _without_log(found: Evaluation) -> tuple[Message, ...]:
+    """Return a note on each main result without the joint log."""
+    every = [c for c in found.characteristics if c.name in MAIN]
+    return tuple(
+        message("curve.without_log", name=c.name, where=c.pose or c.path or "", value=c.value, unit=c.unit, u95=c.u95) for c in every
+    )
 
 
 def _systematic(run: Run) -> str | None:

@@ -35,7 +35,7 @@ from .identification.identify import (
 from .identification.measurements import Measurements as Measurements, Noted as Noted
 from .identification.observability import Plan as Plan, planned as planned, to_plan as to_plan, unknown_frames as unknown_frames
 from .identification.reach import REGULAR as REGULAR, Allowed as Allowed, PredictionMap as PredictionMap, workspace as workspace
-from .identification.read_measurements import given as given, read_measurements as read_measurements
+from .identification.read_measurements import given as given, read_joint_log as read_joint_log, read_measurements as read_measurements
 from .identification.record import (
     IdentifiedRobot as IdentifiedRobot,
     corrected as corrected,

@@ -1,6 +1,7 @@
 from .curve.curve import Curve as Curve, Instants as Instants, motion_of_curve as motion_of_curve, write_curve as write_curve
 from .curve.curve_errors import ErrorsOfCurve as ErrorsOfCurve, finer_trajectory as finer_trajectory
 from .curve.fit import reconstruct_curve as reconstruct_curve
+from .curve.joint_log import JointLog as JointLog
 from .curve.stream import CurveStream as CurveStream
 from .faults.consistency import collect_epochs as collect_epochs
 from .faults.continuity import shifted as shifted

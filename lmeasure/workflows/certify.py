@@ -10,6 +10,7 @@ from pydantic import Field
 from lmeasure.core import CertificationError, OtherTrajectoryError, SettingsError, pasted
 from lmeasure.text import Message, Say, from_stated, message, of_terminal
 from lmeasure.workflows.flow import Progress, Result, inside, present, silent, steps, workflow
+from lmeasure.workflows.reconstruct import check_joints
 from lmeasure.workflows.settings import (
     COLUMNS,
     LANGUAGE,
@@ -44,6 +45,11 @@ class CertifySettings(Writing):
     continuous: Annotated[
         bool, option("The trajectory is the curve of `reconstruct --continuous`: evaluate it between samples too, with its own errors.")
     ] = False
+    joints: Annotated[
+        Path | None,
+        option("Joint log of the robot (time_s, joint_1_deg, ...) as a prior of the curve's shape; with --robot.", metavar="LOG.csv"),
+    ] = None
+    robot: Annotated[str | None, option("Robot of --joints: a name (such as ur5) or a robot.toml.", metavar="NAME_OR_FILE")] = None
     columns: Annotated[str, COLUMNS] = ""
     u_position_mm: Annotated[float | None, U_POSITION] = None
     u_rotation_deg: Annotated[float | None, U_ROTATION] = None
@@ -75,7 +81,7 @@ class CertifySettings(Writing):
     def paths(self) -> Paths:
         folder, zipped = self.out, f"{self.out.resolve().name}.zip"
         packed = inside(folder.resolve().parent, zipped, f"{zipped}.sha256") if self.zipped else ()
-        read = (self.trajectory, self.program, *present(self.details, self.key, self.xsd))
+        read = (self.trajectory, self.program, *present(self.details, self.key, self.xsd, self.joints))
         return Paths((*inside(folder, "manifest.json"), *packed, *present(self.rerun)), read)
 
 
@@ -97,6 +103,7 @@ def run_certify(settings: CertifySettings, progress: Progress = silent) -> Resul
             "continuous",
             *(("repeatability_mm",) if settings.repeatability_mm else ()),
         )
+    check_joints(settings.joints, settings.robot, continuous=settings.continuous)
     if settings.continuous and settings.repeatability_mm:
         raise SettingsError("continuous", message("curve.linear"))
     beside = ("columns", "u_position_mm", "u_rotation_deg")
@@ -107,7 +114,19 @@ def run_certify(settings: CertifySettings, progress: Progress = silent) -> Resul
     same = ("align", "angles", "tool_offset_mm", "capability", "limit_u95_mm", "still_mm", "trials", "seed")
     own = {name: getattr(settings, name) for name in same}
     chosen = CertificationSettings(limit_angle_deg=settings.limit_deg, rule=settings.rule or template.rule or "guarded", **own)
-    measured = ("trajectory", "program", "run", "rig", "details", "constraint", "repeatability_mm", "continuous", *beside)
+    measured = (
+        "trajectory",
+        "program",
+        "run",
+        "rig",
+        "details",
+        "constraint",
+        "repeatability_mm",
+        "continuous",
+        "joints",
+        "robot",
+        *beside,
+    )
     inputs = Inputs(**{name: getattr(settings, name) for name in measured})
     as_written = ("key", "dcc", "xsd", "zipped", "force", "tables")
     choices = Choices(settings.language or template.language or of_terminal(), **{name: getattr(settings, name) for name in as_written})

@@ -34,7 +34,7 @@ from lmeasure.workflows.settings import (
 
 if TYPE_CHECKING:
     from lmeasure.recording import Run, RunHead, StatedStart
-    from lmeasure.trajectory import Each, Motion, Trajectory, Vibration
+    from lmeasure.trajectory import Each, JointLog, Motion, Trajectory, Vibration
 
 
 FIRST_PART = "part-00000.parquet"
@@ -57,6 +57,11 @@ class ReconstructSettings(Writing):
     continuous: Annotated[
         bool, option("Fit a curve in continuous time to all readings, each at its own time, and write its control poses beside OUT.")
     ] = False
+    joints: Annotated[
+        Path | None,
+        option("Joint log of the robot (time_s, joint_1_deg, ...) as a prior of the curve's shape; with --robot.", metavar="LOG.csv"),
+    ] = None
+    robot: Annotated[str | None, option("Robot of --joints: a name (such as ur5) or a robot.toml.", metavar="NAME_OR_FILE")] = None
     angles: Annotated[bool, option("Add the angles of the rig's convention.")] = False
     scheduler: Annotated[
         str | None, option("Reconstruct a long run in parts by a Dask scheduler, or local; OUT is a folder.", metavar="tcp://HOST:PORT")
@@ -77,7 +82,7 @@ class ReconstructSettings(Writing):
         out = self.out if self.scheduler is None else self.parts / FIRST_PART
         return Paths(
             (out, *((self.curve,) if self.continuous else ()), *present(self.rerun)),
-            (*in_run_folder(self.run), *present(self.rig, None if self.start is None else Path(self.start))),
+            (*in_run_folder(self.run), *present(self.rig, None if self.start is None else Path(self.start), self.joints)),
         )
 
 
@@ -94,6 +99,7 @@ def run_reconstruct(settings: ReconstructSettings, progress: Progress = silent) 
     linear = settings.uncertainty == "linear"
     if settings.continuous and not (linear and settings.repeatability_mm == 0.0):
         raise SettingsError("continuous", message("curve.linear"))
+    check_joints(settings.joints, settings.robot, continuous=settings.continuous)
     progress(0.0, "reconstruct")
     if settings.scheduler is not None:
         return _in_parts(settings, head, progress, whole=can_stream(head) and linear and not settings.continuous)
@@ -106,7 +112,8 @@ def run_reconstruct(settings: ReconstructSettings, progress: Progress = silent) 
     if settings.continuous:
         from lmeasure.trajectory import reconstruct_curve, write_curve
 
-        trajectory, curve = reconstruct_curve(recorded, settings.constraint, judge=explained)
+        joints = None if settings.joints is None else joint_log(settings.joints, settings.robot)
+        trajectory, curve = reconstruct_curve(recorded, settings.constraint, joints=joints, judge=explained)
         write_curve(settings.curve, curve)
         return _written(settings, recorded, trajectory, progress)
     trajectory = reconstruct(
@@ -119,6 +126,22 @@ def run_reconstruct(settings: ReconstructSettings, progress: Progress = silent) 
         judge=explained,
     )
     return _written(settings, recorded, trajectory, progress)
+
+
+def check_joints(joints: Path | None, robot: str | None, *, continuous: bool) -> None:
+    """Check that a joint log comes with a robot, and both with a curve; SettingsError."""
+    for name, value, needed in (("joints", joints, robot), ("robot", robot, joints)):
+        if value is not None and (needed is None or not continuous):
+            raise SettingsError(name, message("curve.log_options"))
+
+
+def joint_log(path: Path, robot: str | None) -> "JointLog":
+    """Return the motion of the flange by a joint log and its robot."""
+    from lmeasure.robots import read_joint_log
+    from lmeasure.workflows.identify import nominal
+
+    assert robot is not None
+    return read_joint_log(path, nominal(robot).model)
 
 
 def _in_parts(settings: ReconstructSettings, head: "RunHead", progress: Progress, *, whole: bool) -> Result:

@@ -24,6 +24,7 @@ from lmeasure.trajectory import (
     LAG_S,
     ErrorModel,
     ErrorsOfRun,
+    JointLog,
     PoseErrors,
     Stated,
     Trajectory,
@@ -166,6 +167,14 @@ def read_commanded(path: Path, robot: RobotModel, columns: Mapping[str, Column] 
     if time_s is not None and (np.diff(time_s) < 0.0).any():
         raise FileFormatError(message("error.its_time_is_before", where=table.row(1 + int(np.argmax(np.diff(time_s) < 0.0)))))
     return Commanded(path, tuple(names_of(table)), joints_of(table, robot), time_s, tuple(table.lines), table.row_names("name") is not None)
+
+
+def read_joint_log(path: Path, robot: RobotModel) -> JointLog:
+    """Read `time_s, joint_1_deg, ...` as motion of the flange by the robot. Errors are those of `read_commanded`, and no times a RobotError."""
+    rows = read_commanded(path, robot)
+    if rows.time_s is None:
+        raise RobotError(message("error.log_without_times", where=path))
+    return JointLog(rows.time_s, robot.forward(rows.joints), path.name)
 
 
 def with_joints(points: Measurements, commanded: Commanded) -> tuple[Measurements, list[Noted]]:

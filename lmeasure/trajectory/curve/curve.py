@@ -150,6 +150,8 @@ class Curve(Shown):
     """(m,) standard uncertainty of `clock_rates`."""
     u_before_s: float = 0.0
     """Standard uncertainty of `clocks_s` before the run was looked at."""
+    evidence: float = np.nan
+    """Logarithm of the evidence of the readings for its smoothness."""
 
     @property
     def _grid(self) -> tuple[float, float]:

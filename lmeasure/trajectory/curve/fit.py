@@ -42,6 +42,7 @@ from lmeasure.recording import Run
 from lmeasure.sensors import Lengths, rounding_variance
 from lmeasure.text import Message, message
 from lmeasure.trajectory.curve.curve import ORDER, Curve, tables
+from lmeasure.trajectory.curve.joint_log import JointLog, Shape
 from lmeasure.trajectory.faults.redundancy import repeats
 from lmeasure.trajectory.files.trajectory import Trajectory
 from lmeasure.trajectory.reconstruction.run_model import FREEDOMS
@@ -61,6 +62,7 @@ TRIES = 3  # Spacings, each half of the one before, that are tried where the cho
 STRAIGHT_MM, LEVER_MM = 0.1, 1000.0
 """Move, of a turn at this lever, up to which the equations are followed by their own slopes: readings bend by some 5e-6 mm
 there. Equations of clocks are made anew, since they bend with the acceleration."""
+DOUBT = 4.0  # Times the variance of differences from a log, as it is estimated: what a robot does besides follows its motion, not chance
 SMOOTHINGS = 3  # Estimates of the snap in each round
 CHOSEN_BY = 3000  # Samples by which the spacing is chosen
 WIDEST = 8  # Intervals that the run, or that part, has at least
@@ -141,8 +143,11 @@ class Solution:
 class Fit:
     """Gauss-Newton on the control poses of a spacing [s], with the variables of some sources of the run and those of its clocks."""
 
-    def __init__(self, readings: Readings, spacing_s: float, sources: tuple[Source, ...], known: Known | None = None) -> None:
-        """known: of the variables by readings that are not among these; where it is None they are independent, of unit variance."""
+    def __init__(
+        self, readings: Readings, spacing_s: float, sources: tuple[Source, ...], *, known: Known | None = None, shape: Shape | None = None
+    ) -> None:
+        """known: of the variables by readings that are not among these; where it is None they are independent, of unit variance. shape: of
+        the motion by the robot's log."""
         self.readings, self.spacing_s, self.sources = readings, spacing_s, sources
         self.reconstruction = readings.reconstruction
         model, budget = self.reconstruction.model, self.reconstruction.budget
@@ -150,6 +155,8 @@ class Fit:
         every = np.concatenate([readings.times.ravel(), readings.lengths.time_s])
         self.begin_s, self.end_s = float(every.min()) - beyond, float(every.max()) + beyond
         self.knots = max(int(np.ceil((self.end_s - self.begin_s) / spacing_s * (1.0 - 1e-12))), 1) + ORDER - 1
+        self.knots_s: FloatArray = self.begin_s + spacing_s * (np.arange(self.knots, dtype=np.float64) - 0.5 * (ORDER - 2))
+        self.expected = np.zeros((self.knots - DIFFERENCES, 6)) if shape is None else shape.differences(self.knots_s, _SIGNS)
         self.rows, self.zero = model.scheme.rows, zero_readings(model, model.scheme.rows, model.zero_pose)
         self.in_mm = np.repeat([LEVER_MM, 1.0], 3)
         self.held = np.setdiff1d(np.arange(6), model.scheme.free_index)
@@ -168,7 +175,7 @@ class Fit:
         """Return control poses on the run's poses sample by sample (Schoenberg), straight on beyond its ends."""
         known = np.isfinite(self.readings.poses[:, 0])
         times, poses = self.readings.lengths.time_s[known], self.readings.poses[known]
-        at = self.begin_s + self.spacing_s * (np.arange(self.knots) - 0.5 * (ORDER - 2))
+        at = self.knots_s
         inside = np.clip(at, times[0], times[-1])
         points = np.column_stack([np.interp(inside, times, poses[:, c]) for c in range(3)])
         beyond = (at - inside)[:, None]
@@ -179,7 +186,9 @@ class Fit:
         variables = np.zeros(len(self.names) + 2 * self.late.shape[1])
         variables[len(self.names) - len(self.origins) : len(self.names)] = self.origins
         control = Control(points, turns, np.empty((0, 6)), variables)
-        control.snap = np.tile(np.maximum((control.differences() ** 2).mean(axis=0), 1e-30), (self.knots - DIFFERENCES, 1))
+        control.snap = np.tile(
+            np.maximum(((control.differences() - self.expected) ** 2).mean(axis=0), 1e-30), (self.knots - DIFFERENCES, 1)
+        )
         return control
 
     def _chunks(self) -> Iterator[tuple[slice, FloatArray]]:
@@ -217,14 +226,14 @@ class Fit:
             total += kernels.spline_equations(*read, *curve, shared, (self.late, self.slow, middle), N, g, X, S, s)
         return N, g, X, S, s, total
 
-    def solve(self, control: Control, rounds: int = ROUNDS) -> Solution:
+    def solve(self, control: Control, rounds: int = ROUNDS, most: int = ESTIMATES) -> Solution:
         """Return the fit, from control poses that are moved on; TrajectoryError where it does not settle, if it has all `ROUNDS` for it."""
         size = moved = np.inf
         equations: Equations | None = None
         for number in range(rounds):
             if equations is None or moved > STRAIGHT_MM or self.late.size:
                 equations, moved = self.equations(control), 0.0
-            estimates = number < ESTIMATES
+            estimates = number < most
             for _ in range(SMOOTHINGS if estimates else 1):
                 step, solution = self._step(equations, control, estimates=estimates)
             own, shared = np.split(step, [6 * self.knots])
@@ -245,7 +254,7 @@ class Fit:
         K, width, b = self.knots, 6 * ORDER, len(s)
         # stiffer than this, the readings would be lost in the rounding of the prior
         floor = STIFFEST / np.maximum(N[:, 0].reshape(K, 6).mean(axis=0), 1e-30)
-        difference, by_variance = control.differences(), 1.0 / np.maximum(control.snap, floor)
+        difference, by_variance = control.differences() - self.expected, 1.0 / np.maximum(control.snap, floor)
         A, right = N.copy(), g.copy()
         kernels.add_spline_prior(_SIGNS, by_variance, difference, A, right)
         right.reshape(K, 6)[:, self.held] = 0.0
@@ -358,8 +367,8 @@ def readings_of(reconstruction: Reconstruction, lengths: Lengths, trajectory: Tr
     return Readings(reconstruction, lengths, times, np.ascontiguousarray(changes), variance, trajectory.poses, u_clock_s, middle)
 
 
-def curve_of(readings: Readings, spacing_s: float | None = None) -> Curve:
-    """Return the curve of the readings; spacing_s: of its knots, chosen by the readings where it is None."""
+def curve_of(readings: Readings, spacing_s: float | None = None, shape: Shape | None = None) -> Curve:
+    """Return the curve of the readings; spacing_s: of its knots, chosen by the readings where it is None; shape: by the robot's log."""
     if spacing_s is not None and not 0.0 < spacing_s < np.inf:
         raise TrajectoryError(message("curve.spacing", spacing_s=spacing_s))
     known = np.isfinite(readings.poses[:, 0])
@@ -369,7 +378,7 @@ def curve_of(readings: Readings, spacing_s: float | None = None) -> Curve:
     chosen = spacing_of(readings) if spacing_s is None else spacing_s
     tries = TRIES if spacing_s is None else 1
     for halved in range(tries):
-        first = fit = Fit(readings, chosen / 2.0**halved, budget.origins)
+        first = fit = Fit(readings, chosen / 2.0**halved, budget.origins, shape=shape)
         try:
             solution = first.solve(first.begin())
             break
@@ -378,10 +387,13 @@ def curve_of(readings: Readings, spacing_s: float | None = None) -> Curve:
             if halved == tries - 1:
                 raise
     if len(budget.every) > len(budget.origins):
-        fit = Fit(readings, fit.spacing_s, budget.every)
+        fit = Fit(readings, fit.spacing_s, budget.every, shape=shape)
         control, more = solution.control, len(fit.names) - len(first.names)
         control.variables = np.concatenate([np.zeros(more), control.variables])
         solution = fit.solve(control)
+    if shape is not None:
+        solution.control.snap *= DOUBT
+        solution = replace(fit.solve(solution.control, most=0), evidence=solution.evidence)
     return curve_of_fit(fit, solution)
 
 
@@ -398,16 +410,32 @@ def curve_of_fit(fit: Fit, solution: Solution) -> Curve:
     keys = (*(key for source in fit.sources for key in source.assumed or ("",) * len(source.names)), *("",) * (2 * c))
     solved = control.points, control.turns, solution.band, solution.factor, solution.shared
     u_before_s = float(np.linalg.norm(fit.late, axis=1).max(initial=0.0))
-    return Curve(fit.begin_s, fit.end_s, fit.spacing_s, *solved, sources, keys, fit.readings.lengths.cables, **seen, u_before_s=u_before_s)
+    return Curve(
+        fit.begin_s,
+        fit.end_s,
+        fit.spacing_s,
+        *solved,
+        sources,
+        keys,
+        fit.readings.lengths.cables,
+        **seen,
+        u_before_s=u_before_s,
+        evidence=solution.evidence,
+    )
 
 
 def reconstruct_curve(
-    run: Run | Alignment, constraint: str | None = None, *, spacing_s: float | None = None, judge: Judge | None = None
+    run: Run | Alignment,
+    constraint: str | None = None,
+    *,
+    spacing_s: float | None = None,
+    joints: JointLog | None = None,
+    judge: Judge | None = None,
 ) -> tuple[Trajectory, Curve]:
     """Return the trajectory of a run at its samples from its curve, and the curve.
 
-    spacing_s: of the knots, None: chosen by the readings; constraint, judge: as in `reconstruct`. Raises the errors of that, and
-    TrajectoryError without a curve.
+    spacing_s: of the knots, None: chosen by the readings; joints: the robot's own log, a prior of the shape if the readings agree with it;
+    constraint, judge: as in `reconstruct`. Raises the errors of that, and TrajectoryError without a curve.
     """
     run = replace(run, run=run.run.by_frames()) if isinstance(run, Alignment) else run.by_frames()
     aligned = align(run)
@@ -419,8 +447,15 @@ def reconstruct_curve(
     more = () if judge is None or clocks else judge(reconstruction)
     lengths = aligned.lengths_of(reconstruction.doubts)
     trajectory = with_evidence(reconstruction, reconstruction.trajectory(lengths), lengths, aligned, covariances=True)
-    curve = curve_of(readings_of(reconstruction, lengths, trajectory), spacing_s)
+    readings = readings_of(reconstruction, lengths, trajectory)
+    curve = curve_of(readings, spacing_s)
     notes = (*trajectory.notes, *more, *aligned.notes, *notes_of_curve(curve))
+    if joints is not None:
+        shape, without = joints.moving(trajectory), curve
+        by_log = curve_of(readings, without.spacing_s, shape)
+        used = by_log.evidence > without.evidence
+        curve = by_log if used else without
+        notes = (*notes, _note_of_log(joints, shape, trajectory.time_s, curve, without))
     # zeros that are known to a degree bend: what they share beyond first order is that of the samples
     rough = len(reconstruction.budget.sources) > sum(len(source.names) for source in reconstruction.budget.every)
     return replace(on_curve(trajectory, curve, systematic=not rough), notes=notes), curve
@@ -448,6 +483,17 @@ def on_curve(trajectory: Trajectory, curve: Curve, *, systematic: bool = True) -
     status, cause = trajectory.status.copy(), trajectory.cause.copy()
     status[bridged], cause[bridged] = Status.OK, message("cause.bridged")
     return replace(trajectory, poses=poses, random=own, systematic=shared, status=status, cause=cause)
+
+
+def _note_of_log(joints: JointLog, shape: Shape, time_s: FloatArray, curve: Curve, without: Curve) -> Message:
+    """Return a note on what a joint log changed, or that it did not."""
+    if curve is without:
+        return message("curve.log_unused", source=joints.source, late_ms=1e3 * shape.late_s, off_mm=shape.off_mm)
+    apart = float(np.linalg.norm(curve.poses(time_s)[:, :3] - without.poses(time_s)[:, :3], axis=1).max())
+    some = time_s[:: max(len(time_s) // CHUNK, 1)]
+    u, u_without = (1e3 * float(np.median(np.linalg.norm(each.at(some, rates=0).u[:, 0, 3:], axis=1))) for each in (curve, without))
+    frames = {"late_ms": 1e3 * shape.late_s, "off_mm": shape.off_mm}
+    return message("curve.log_used", source=joints.source, **frames, apart_um=1e3 * apart, u_um=u, u_without_um=u_without)
 
 
 def notes_of_curve(curve: Curve) -> tuple[Message, ...]:

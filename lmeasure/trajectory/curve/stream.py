@@ -154,7 +154,7 @@ class CurveStream:
         self._knots_s = min(self._knots_s, widest_s)
         while self.curve is None:
             try:
-                self.curve = self._fit(Fit(readings, self._knots_s, reconstruction.budget.every, self._known))
+                self.curve = self._fit(Fit(readings, self._knots_s, reconstruction.budget.every, known=self._known))
             except TrajectoryError as error:
                 self._before = None
                 if self._knots_s <= finest_s:
