@@ -24,14 +24,14 @@ from scipy.spatial.transform import Rotation
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from cornering import cornering
-from moving_robot import TRUTH, FreeRunning, Instrument, Moves, Waves, errors
+from moving_robot import TRUTH, FreeRunning, Instrument, Motion, Moves, Shaken, Waves, errors, logged
 from study import Study, table
 from zeroed import zeroed_exactly
 
 from lmeasure.core import LMeasureError
 from lmeasure.iso9283 import CertificationSettings, evaluate
 from lmeasure.recording import Counts, Run, read_run
-from lmeasure.trajectory import ErrorsOfCurve, motion_of, motion_of_curve, reconstruct, reconstruct_curve
+from lmeasure.trajectory import CurveStream, ErrorsOfCurve, JointLog, motion_of, motion_of_curve, reconstruct, reconstruct_curve
 
 FloatArray = NDArray[np.float64]
 LASTS_S, INSTANTS, EDGE_S = 4.0, 20, 0.1
@@ -48,6 +48,7 @@ CASES: dict[str, tuple[str, float, str]] = {
 }
 LATE_S, SLOW = 5e-3, 50e-6
 RATES_HZ = (80.0, 1000.0)
+LAGS_S = (0.1, 0.2, 0.5, 1.0)
 CHARACTERISTICS = ("AP_p", "RP_l", "AT_p", "RT_p", "AV", "RV", "FV", "CR", "CO", "t_s", "OV")
 QUANTITIES = ("pose", "velocity", "acceleration")
 
@@ -119,6 +120,68 @@ def shrinkage() -> list[list[str]]:
             one, other = (WIDE * float(np.nanmedian(np.linalg.norm(getattr(m, name)[:, 3:], axis=1))) for m in moving)
             found.append((f"{rate_hz:g}", f"median {name.removeprefix('u_')}", unit, one, other))
     return [[*words, f"{one:.3g}", f"{other:.3g}", f"{other / max(one, 1e-300):.2f}"] for *words, one, other in found]
+
+
+def run_at(name: str, motion: Motion, rate_hz: float, phases: FloatArray | float = 0.0) -> Run:
+    """A run of a motion by channels that are latched together."""
+    instrument, time_s = Instrument(name), np.arange(int(LASTS_S * rate_hz)) / rate_hz
+    recorded = instrument.recorded(motion, np.tile(time_s[:, None], (1, len(instrument.channels))), phases)
+    run = read_run(TRUTH / name)
+    run = replace(run, rig=run.rig.model_copy(update={"unstated": "exact"}), unstated="exact", start=np.array([0.0] * 6 + [1.0]))
+    run = replace(run, passes=(Counts(time_s, instrument.channels, recorded),))
+    return run if np.any(phases) else zeroed_exactly(run)
+
+
+def lags() -> list[list[str]]:
+    """Rows of poses that come while the run goes on, by lag, and of those of the whole run."""
+    out, motions = [], (Moves(np.random.default_rng(1), LASTS_S), Waves(np.random.default_rng(2), LASTS_S))
+    for name in ("cell-run", "eight-run"):
+        phases = 0.0 if name == "cell-run" else np.random.default_rng(3).uniform(-0.5, 0.5, 8)
+        runs = [(motion, run_at(name, motion, 1000.0, phases)) for motion in motions]
+        for lag_s in (*LAGS_S, np.inf):
+            found, seconds, samples = [], 0.0, 0
+            for motion, run in runs:
+                counts, began = run.passes[0], time.process_time()
+                if np.isinf(lag_s):
+                    every = [reconstruct_curve(run)[1].at(counts.time_s, rates=1)]
+                else:
+                    stream = CurveStream(run, lag_s=lag_s)
+                    pushed = [stream.push(*sample) for sample in zip(counts.time_s.tolist(), counts.recorded, strict=True)]
+                    every = [each for each in [*pushed, stream.finish()] if each is not None]
+                seconds, samples = seconds + time.process_time() - began, samples + len(counts.time_s)
+                found += [(errors(motion, each.time_s, each)[0], each.u[:, 0]) for each in every]
+            error, u = (np.concatenate(each) for each in zip(*found, strict=True))
+            sizes = [
+                f"{1e3 * np.sqrt(np.nanmean((of[:, at] ** 2).sum(axis=1))):.2f}" for of, at in ((error, slice(3, 6)), (u, slice(3, 6)))
+            ]
+            covered, missing = 100.0 * (np.abs(error) < WIDE * u)[np.isfinite(u)].mean(), 100.0 * np.isnan(error[:, 3]).mean()
+            shares = [f"{covered:.1f} %", f"{missing:.1f} %", f"{1e6 * seconds / samples:.0f}"]
+            out.append([name, "whole run" if np.isinf(lag_s) else f"{lag_s:g}", *sizes, *shares])
+    return out
+
+
+def logs() -> list[list[str]]:
+    """Rows of motions with defects that a joint log does not show, by the log that is a prior."""
+    out, at = [], np.linspace(EDGE_S, LASTS_S - EDGE_S, 1000)
+    defects: list[tuple[str, Callable[[FloatArray], FloatArray]]] = [
+        ("none", lambda t: 0.0 * t),
+        ("bump of 0.05 mm in 20 ms", lambda t: np.asarray(0.05 * np.exp(-0.5 * ((t - 2.0) / 0.02) ** 2))),
+        ("sag of 0.5 mm, 0.02 mm at 17 Hz", lambda t: np.asarray(0.5 * np.sin(1.4 * np.pi * t) + 0.02 * np.sin(34.0 * np.pi * t))),
+    ]
+    for name, shown in (("waves", Waves(np.random.default_rng(3), LASTS_S)), ("moves", Moves(np.random.default_rng(3), LASTS_S))):
+        for defect, by in defects:
+            motion = Shaken(shown, by)
+            run = run_at("cell-run", motion, 1000.0)
+            for log, noise_mm in (("no log", None), ("log", 0.0), ("log with 0.02 mm noise", 0.02)):
+                joints = None if noise_mm is None else JointLog(*logged(shown, LASTS_S, 0.0137, noise_mm))
+                trajectory, curve = reconstruct_curve(run, joints=joints)
+                used = "" if joints is None else "yes" if trajectory.notes[-1].code == "curve.log_used" else "no"
+                there = curve.at(at, rates=2)
+                every = errors(motion, at, there)
+                covered = [f"{100.0 * (np.abs(e) < WIDE * there.u[:, d]).mean():.1f} %" for d, e in enumerate(every)]
+                rms, largest = (1e3 * of for of in (np.sqrt((every[0][:, 3:] ** 2).sum(axis=1).mean()), np.abs(every[0][:, 3:]).max()))
+                out.append([name, defect, log, used, f"{rms:.2f}", f"{largest:.1f}", *covered])
+    return out
 
 
 def peers() -> list[list[str]]:
@@ -224,6 +287,19 @@ def page(records: list[dict[str, Any]]) -> tuple[str, bool]:
         "are the only source of error. At 80 samples/s the path may hide a bend between samples, which dominates U95.",
         "",
         table(["samples/s", "result", "unit", "samples", "curve", "ratio"], shrinkage()),
+        "",
+        "## While the run goes on",
+        "",
+        "Two motions at 1000 Hz: errors and standard uncertainties of positions by lag, coverage of poses, samples without a pose, and",
+        "processor time per sample on one core.",
+        "",
+        table(["channels", "lag [s]", "error, rms [um]", "u, rms [um]", "coverage", "without pose", "time per sample [us]"], lags()),
+        "",
+        "## Joint log",
+        "",
+        "Six drums with SYNC at 1000 Hz. The log shows the motion at 250 Hz without the defect, by a clock that is 13.7 ms late.",
+        "",
+        table(["motion", "defect", "by", "used", "rms [um]", "largest [um]", *QUANTITIES], logs()),
         "",
         "## Speed",
         "",

@@ -181,6 +181,17 @@ class FreeRunning:
         return np.asarray(time_s + self.late_s.mean() + self.slow.mean() * (time_s - self.middle_s))
 
 
+def logged(motion: Motion, lasts_s: float, late_s: float, noise_mm: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    """Times (n,) of a late clock, and poses (n, 7) of a flange at 250 Hz, with a base and a tool that nobody states."""
+    base, mount, tool = Rotation.from_rotvec([0.3, -0.2, 2.0]), Rotation.from_rotvec([0.1, 0.5, -0.3]), np.array([30.0, -20.0, 150.0])
+    time_s = np.arange(0.0, lasts_s, 0.004)
+    place, turn, *_ = motion.at(time_s)
+    flange = turn * mount.inv()
+    places = base.apply(place - flange.apply(tool)) + [800.0, 10.0, 400.0]
+    places += noise_mm * np.random.default_rng(1).standard_normal(places.shape)
+    return time_s + late_s, np.hstack([places, (base * flange).as_quat()])
+
+
 def errors(motion: Motion, time_s: FloatArray, found: Any) -> list[FloatArray]:
     """Errors (n, 6) of (rotation; place) of poses, velocities and accelerations that a curve found for times (n,)."""
     place, turn, velocity, acceleration = motion.at(time_s)

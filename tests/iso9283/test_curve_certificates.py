@@ -12,7 +12,7 @@ from moving_robot import TRUTH, Cornering, FreeRunning, Instrument
 
 from lmeasure.cli.app import main
 from lmeasure.iso9283 import CertificationSettings, Evaluation, evaluate
-from lmeasure.recording import read_counts
+from lmeasure.recording import read_counts, write_program, write_run
 from lmeasure.trajectory import ErrorsOfCurve, reconstruct, reconstruct_curve
 
 SETTINGS = CertificationSettings(trials=200)
@@ -51,6 +51,69 @@ def test_where_samples_are_dense_the_curve_is_less_uncertain() -> None:
     # the extreme of a smooth path is corrected by what errors add to it, and says so
     assert found["FV"].note is not None
     assert found["FV"].note.code == "figure.corrected"
+
+
+GANTRY = """
+schema = "lmeasure.robot/1"
+name = "gantry"
+kind = "serial"
+[[joint]]
+name = "joint_1"
+type = "prismatic"
+alpha_deg = 90.0
+min_mm = -1000.0
+max_mm = 1000.0
+[[joint]]
+name = "joint_2"
+type = "prismatic"
+theta_deg = 90.0
+alpha_deg = 90.0
+min_mm = -1000.0
+max_mm = 1000.0
+[[joint]]
+name = "joint_3"
+type = "prismatic"
+min_mm = -1000.0
+max_mm = 1000.0
+"""
+
+
+def test_a_certificate_says_that_a_joint_log_was_used_and_gives_results_without_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The log claims that the tool passes the corner at 1.8 mm. It does so at 2 mm."""
+
+    def command(*arguments: str) -> int:
+        monkeypatch.setattr("sys.argv", ["lmeasure", *arguments])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        return int(stop.value.code or 0)
+
+    run, program, motion = cornering(100.0, 1, 0.3)
+    folder, log, robot, out = str(tmp_path / "run"), tmp_path / "joints.csv", tmp_path / "gantry.toml", str(tmp_path / "smooth.csv")
+    write_run(tmp_path / "run", run)
+    write_program(tmp_path / "program.toml", program)
+    robot.write_text(GANTRY)
+    claimed = Cornering(1, begin_s=0.3, distance=1.8, swing_mm=0.5)
+    time_s = np.arange(0.0, motion.lasts_s, 0.004)
+    x, y, z = claimed.places(time_s).T
+    rows = np.column_stack([time_s + 0.05, z, -y, x])
+    np.savetxt(log, rows, "%.17g", ",", header="time_s,joint_1_mm,joint_2_mm,joint_3_mm", comments="")
+    by = ["--continuous", "--joints", str(log), "--robot", str(robot)]
+    assert command("reconstruct", folder, "--out", out, *by[1:]) == 2
+    assert "go together, and with --continuous" in capsys.readouterr().err
+    assert command("reconstruct", folder, "--out", out, *by) == 0
+    assert "the joint log joints.csv is " in capsys.readouterr().out
+    sealed = ["--program", str(tmp_path / "program.toml"), "--run", folder, "--out", str(tmp_path / "sealed"), "--trials", "100"]
+    assert command("certify", out, *sealed, *by) == 0
+    assert command("verify", str(tmp_path / "sealed")) == 0, capsys.readouterr()
+    certificate = json.loads((tmp_path / "sealed" / "certificate.json").read_text())
+    assert certificate["measurement"]["joints"] == "inputs/joints.csv"
+    found = {c["name"]: c for c in certificate["characteristics"]}
+    assert abs(found["CR"]["value"] - 2.0) < found["CR"]["u95"]
+    notes = " ".join(certificate["notes"])
+    assert "the joint log joints.csv is " in notes
+    assert re.search(r"without the joint log: CR L .* mm \(U95", notes)
 
 
 def free_running_log(path: Path, motion: Cornering, rate_hz: float) -> list[float]:

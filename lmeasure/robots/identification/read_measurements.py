@@ -170,7 +170,7 @@ def read_commanded(path: Path, robot: RobotModel, columns: Mapping[str, Column] 
 
 
 def read_joint_log(path: Path, robot: RobotModel) -> JointLog:
-    """Read `time_s, joint_1_deg, ...` as motion of the flange by the robot. Errors are those of `read_commanded`, and no times a RobotError."""
+    """Read `time_s, joint_1_deg, ...` as the motion of the flange; RobotError without times, and the errors of `read_commanded`."""
     rows = read_commanded(path, robot)
     if rows.time_s is None:
         raise RobotError(message("error.log_without_times", where=path))

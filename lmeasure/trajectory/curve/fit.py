@@ -62,7 +62,7 @@ TRIES = 3  # Spacings, each half of the one before, that are tried where the cho
 STRAIGHT_MM, LEVER_MM = 0.1, 1000.0
 """Move, of a turn at this lever, up to which the equations are followed by their own slopes: readings bend by some 5e-6 mm
 there. Equations of clocks are made anew, since they bend with the acceleration."""
-DOUBT = 4.0  # Times the variance of differences from a log, as it is estimated: what a robot does besides follows its motion, not chance
+DOUBT = 16.0  # Times the variance of differences from a log, as it is estimated: what a robot does besides follows its motion, not chance
 SMOOTHINGS = 3  # Estimates of the snap in each round
 CHOSEN_BY = 3000  # Samples by which the spacing is chosen
 WIDEST = 8  # Intervals that the run, or that part, has at least

@@ -20,7 +20,7 @@ from lmeasure.text import message
 from lmeasure.trajectory.files.trajectory import Trajectory
 
 LATE_S, STEPS = 1.0, 80  # Largest difference of the clocks, and steps of it that are tried to either side
-FITTED = 300  # Samples by which frames and clock are found
+FITTED = 100  # Samples by which frames and clock are found
 ROUNDS = 20  # Of the fit of the frames, which is linear in the target and in the turn by turns
 LEVER_MM = 300.0  # At which a turn counts as a displacement
 ASTRAY = 0.1  # Of the spread of the positions, by which the log may miss them
@@ -50,11 +50,11 @@ class JointLog:
             raise TrajectoryError(message("curve.log_short", source=self.source, late_s=LATE_S))
         time_s, measured = trajectory.time_s[some], trajectory.poses[some]
 
-        def fitted(late_s: float) -> tuple[float, Rotation, FloatArray, FloatArray, Rotation]:
-            return _frames(place(time_s + late_s), turn(time_s + late_s), measured)
+        def fitted(late_s: float, rounds: int = ROUNDS) -> tuple[float, Rotation, FloatArray, FloatArray, Rotation]:
+            return _frames(place(time_s + late_s), turn(time_s + late_s), measured, rounds)
 
         tried = np.linspace(-LATE_S, LATE_S, 2 * STEPS + 1)
-        nearest = float(tried[int(np.argmin([fitted(late)[0] for late in tried.tolist()]))])
+        nearest = float(tried[int(np.argmin([fitted(late, 3)[0] for late in tried.tolist()]))])
         step = LATE_S / STEPS
         late_s = float(minimize_scalar(lambda t: fitted(t)[0], bounds=(nearest - step, nearest + step), options={"xatol": 1e-6}).x)
         off, Y, x, y, X = fitted(late_s)
@@ -66,7 +66,9 @@ class JointLog:
         return Shape(self.time_s - late_s, poses, late_s, off)
 
 
-def _frames(place: FloatArray, turn: Rotation, measured: FloatArray) -> tuple[float, Rotation, FloatArray, FloatArray, Rotation]:
+def _frames(
+    place: FloatArray, turn: Rotation, measured: FloatArray, rounds: int
+) -> tuple[float, Rotation, FloatArray, FloatArray, Rotation]:
     """Root mean square misfit [mm], turn of the base, target on the flange, shift of the base and turn of the target, from places (n, 3)
     and turns of the flange and poses (n, 7): p = Y (f + R x) + y. Only Y turns the vectors of turns between poses (Park, Martin, 1994)."""
     own, seen = turn.as_matrix(), se3.rotation(measured)
@@ -74,7 +76,7 @@ def _frames(place: FloatArray, turn: Rotation, measured: FloatArray) -> tuple[fl
     vectors = LEVER_MM * (seen * seen[about].inv()).as_rotvec(), LEVER_MM * (turn * turn[about].inv()).as_rotvec()
     x, off = np.zeros(3), measured[:, :3] - measured[:, :3].mean(axis=0)
     Y, arms = Rotation.identity(), own - own.mean(axis=0)
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         moved = place + own @ x
         Y = Rotation.align_vectors(np.vstack([off, vectors[0]]), np.vstack([moved - moved.mean(axis=0), vectors[1]]))[0]
         left = Y.inv().apply(off) - (place - place.mean(axis=0))
