@@ -124,7 +124,7 @@ def _components(model: Model, found: Fit) -> tuple[FloatArray, dict[str, FloatAr
         own = J[:, :, 3:] * ASSUMED[name] if name == "position" else J[:, :, :3] * ASSUMED[name]
         own = np.einsum("eni,nr->eri", own, visits).reshape(len(own), -1)
         out[name] = own @ own.T
-    return V, out | fields(model.campaign.source, model.poses(theta), model.pose_jacobian(theta)) if smooth(model) else out
+    return V, out | fields(model.poses(theta), model.pose_jacobian(theta)) if smooth(model) else out
 
 
 def smooth(model: Model) -> bool:

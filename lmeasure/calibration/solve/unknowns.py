@@ -239,7 +239,7 @@ class Model(Residuals):
         if unsolved is not None:
             V = V + unsolved
         if any(name.startswith("field_") for name in self.sizes):
-            V = V + field_covariance(self.campaign.source, self.sizes, self.poses(theta), self.pose_jacobian(theta))
+            V = V + field_covariance(self.sizes, self.poses(theta), self.pose_jacobian(theta))
         if noise.robust_variance_mm2 is not None:
             campaign = self.campaign
             same = self.cable_index[:, None] == self.cable_index

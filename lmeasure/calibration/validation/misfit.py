@@ -139,7 +139,7 @@ def _smooth(sized: Sized) -> list[Finding]:
     if not own:
         return []
     theta = sized.fit.theta
-    errors = field_covariance(source, own, model.poses(theta), model.pose_jacobian(theta))
+    errors = field_covariance(own, model.poses(theta), model.pose_jacobian(theta))
     mm, part = float(np.sqrt(np.mean(np.diag(errors)))), float(np.trace(errors) / np.trace(sized.fit.V))
     if source == "unknown" and part < NOTED:
         return []
