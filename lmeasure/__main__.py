@@ -18,7 +18,7 @@ def program() -> NoReturn:
 
         begun()
     except KeyboardInterrupt:
-        print("lmeasure: interrupted; nothing was left half-written", file=sys.stderr, flush=True)
+        print("lmeasure: interrupted. Nothing was left half-written", file=sys.stderr, flush=True)
         os._exit(INTERRUPTED)
 
 

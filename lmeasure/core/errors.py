@@ -63,7 +63,7 @@ class SettingsError(LMeasureError):
 class CancelledError(LMeasureError):
     """The user has ended the work: raised by a progress callback. No half-written file is left."""
 
-    def __init__(self, text: str = "interrupted; nothing was left half-written") -> None:
+    def __init__(self, text: str = "interrupted. Nothing was left half-written") -> None:
         super().__init__(text)
 
 

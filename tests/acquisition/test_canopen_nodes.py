@@ -119,15 +119,11 @@ def test_this_program_can_produce_the_sync(tmp_path: Path) -> None:
         ({"sync_id": 0x85}, rig_of(), "listens to SYNC 0x85 .1005h., but the rig states sync_id = 0x80"),
         ({"sync_type": 254}, rig_of(), "no transmit PDO sends its position after each SYNC; it is in TPDO1 of type 254, TPDO2 of type 254"),
         ({}, rig_of(timing="free"), "its timer is off .6200h"),
-        (
-            {},
-            rig_of(channels=[BOTH[0] | {"cob_id": 0x185}, BOTH[1]]),
-            "its position in 0x285, bit 0, 32 bits, but the rig states cob_id = 0x185",
-        ),
+        ({}, rig_of(channels=[BOTH[0] | {"cob_id": 0x185}, BOTH[1]]), "in 0x285, bit 0, 32 bits, but the rig states cob_id = 0x185"),
         (
             {},
             rig_of(channels=[BOTH[0] | {"serial": 9009}, BOTH[1] | {"serial": 9005}]),
-            "its serial number is 9005, but the rig states 9009; that one is node 9 .channel ch2.: the two are swapped",
+            "is 9005, but the rig states 9009; that one is node 9 .channel ch2.: the two are swapped",
         ),
     ],
 )

@@ -139,13 +139,7 @@ def test_a_rig_that_is_wired_right_passes() -> None:
             {"turns": False, "wiring": [1, 0]},
             ["cable c1: channel ch2 moved, but the rig has channel ch1", "cable c2: channel ch1 moved, but the rig has channel ch2"],
         ),
-        (
-            {"scale": 0.5},
-            [
-                f"cable c{i}: 3000 counts per turn, but the rig has 6000. This is 0.5 times as many, as with another decoding scale"
-                for i in (1, 2)
-            ],
-        ),
+        ({"scale": 0.5}, [f"cable c{i}: 3000 counts per turn, but the rig has 6000. This is 0.5 times as many" for i in (1, 2)]),
         ({"turns": False, "slip_mm": 2.0}, [f"cable c{i}: came back +1.99" for i in (1, 2)]),
         ({"turns": False, "trembling": 1}, ["channel ch2: moves by 10 counts while at rest"]),
     ],

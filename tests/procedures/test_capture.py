@@ -161,7 +161,7 @@ def test_a_channel_that_lost_its_origin_is_not_called_silent(tmp_path: Path) -> 
     silent.recorded[:, 1] = np.nan
     fresh.show(silent)
     assert state_of(fresh.session)["state"] == "silent"
-    assert "check the encoder, its plug and its cable" in state_of(fresh.session)["doubted"]
+    assert "Check the encoder, its plug and its cable" in state_of(fresh.session)["doubted"]
 
 
 def test_a_bus_from_which_nothing_comes_is_not_a_robot_that_stands(tmp_path: Path) -> None:

@@ -107,5 +107,5 @@ def test_a_recording_that_is_ended_is_kept_and_whole(tmp_path: Path) -> None:
     result = workflow.run(settings, watch)
     assert result.made.ended == "complete"
     assert not result.failure
-    assert [w.split(":")[1].split(";")[0] for w in result.warnings] == [" no --start pose"]
+    assert [w.split(":")[1].split(".")[0] for w in result.warnings] == [" no --start pose"]
     assert (tmp_path / "run" / "pass1.csv").stat().st_size > 0
