@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.accuracy.scan import run
 from lmeasure.accuracy.zone import at_pose, make_plan, named_figures
 from lmeasure.core import AccuracyError, FloatArray, StructureError, se3
-from lmeasure.linkages import Kept, detour, nearest_pose
+from lmeasure.linkages import Behind, Kept, detour, nearest_pose
 from lmeasure.recording import CommandedPath, Program
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.structure import Linkage, bounds_of
@@ -186,35 +186,6 @@ def _share(points: FloatArray) -> FloatArray:
     return np.asarray(gone / max(float(gone[-1]), 1e-300))
 
 
-@dataclass(frozen=True)
-class _Whole:
-    """The limits of a path that is shifted as a whole, at poses (..., 7) of its start: those of all its places, whose offsets from the
-    start are (n, 3) and whose quaternions are (n, 4)."""
-
-    own: Kept
-    offsets: FloatArray
-    quaternions: FloatArray
-
-    @property
-    def base(self) -> FloatArray:
-        return self.own.base
-
-    @property
-    def body(self) -> FloatArray:
-        return self.own.body
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return self.own.names * len(self.offsets)
-
-    def values(self, poses: FloatArray) -> FloatArray:
-        """(..., n k) limits of all places."""
-        places = poses[..., None, :3] + self.offsets
-        turned = np.broadcast_to(self.quaternions, (*places.shape[:-1], 4))
-        found = self.own.values(np.concatenate([places, turned], axis=-1))
-        return found.reshape(*found.shape[:-2], -1)
-
-
 def _led(kept: Kept, inside: FloatArray, path: CommandedPath, rotation: Rotation) -> Led:
     points = path.points(STEP_MM)
     if path.weave_stroke_mm is not None:
@@ -252,8 +223,9 @@ def _shifted(kept: Kept, path: CommandedPath, points: FloatArray, rotation: Rota
     # the polygon is around the circle
     rim = 0.5 * path.weave_stroke_mm / np.cos(np.pi / SIDES) * np.column_stack([np.cos(turn), np.sin(turn)]) @ axes[1:]
     poses = _poses(path, points, rotation)
-    offsets = (points - points[0])[:, None] + np.vstack([np.zeros(3), rim])
-    whole = _Whole(kept, offsets.reshape(-1, 3), np.repeat(poses[:, 3:], SIDES + 1, axis=0))
+    places = np.repeat(poses, SIDES + 1, axis=0)
+    places[:, :3] += np.tile(np.vstack([np.zeros(3), rim]), (len(points), 1))
+    whole = Behind(kept, se3.compose(se3.inverse(places), np.broadcast_to(poses[0], places.shape)))
     try:
         with np.errstate(invalid="ignore"):
             shift = nearest_pose(whole, poses[0], MARGIN, turns=False)[:3] - points[0]

@@ -51,7 +51,7 @@ class Kept(Protocol):
 
 @dataclass(frozen=True)
 class Behind:
-    """The limits of a body that carries a tool, at poses of the tool; tool (7,): body_from_tool."""
+    """The limits of a body that carries a tool, at poses of the tool; tool (7,): body_from_tool, or (n, 7) of n bodies on one tool."""
 
     own: Kept
     tool: FloatArray
@@ -68,12 +68,15 @@ class Behind:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the body's limits."""
-        return self.own.names
+        """Names of the bodies' limits."""
+        return self.own.names * len(np.atleast_2d(self.tool))
 
     def values(self, poses: FloatArray) -> FloatArray:
-        """(..., k) at poses (..., 7) of the tool."""
-        return self.own.values(se3.compose(poses, np.broadcast_to(se3.inverse(self.tool), poses.shape)))
+        """(..., n k) at poses (..., 7) of the tool."""
+        tools = se3.inverse(np.atleast_2d(self.tool))
+        shape = (*poses.shape[:-1], *tools.shape)
+        found = self.own.values(se3.compose(np.broadcast_to(poses[..., None, :], shape), np.broadcast_to(tools, shape)))
+        return found.reshape(*poses.shape[:-1], -1)
 
 
 @dataclass(frozen=True)
