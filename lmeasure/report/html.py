@@ -141,15 +141,25 @@ def cut(name: str, most: int = 16) -> str:
 _SCRIPT = re.compile(r"<script\b[^>]*>(.*?)</script>", re.DOTALL | re.IGNORECASE)
 
 
-def policy(body: str) -> str:
+def _hashes(body: str) -> frozenset[str]:
+    codes = (code.encode("utf-8", "backslashreplace") for code in _SCRIPT.findall(body))
+    return frozenset(base64.b64encode(hashlib.sha256(code).digest()).decode() for code in codes)
+
+
+@cache
+def _plotly() -> tuple[str, frozenset[str]]:
+    """Return the scripts that draw, and their hashes."""
+    scripts = f'<script>window.PlotlyConfig = {{MathJaxConfig: "local"}};</script><script>{get_plotlyjs()}</script>'
+    return scripts, _hashes(scripts)
+
+
+def policy(body: str, drawing: frozenset[str] = frozenset()) -> str:
     """Return the Content-Security-Policy of a page: only its own scripts run, and nothing is fetched or sent.
 
     plotly compiles its 3-D drawing from text that it writes itself ('unsafe-eval'), sets styles, keeps pictures as data and reads its own
     pictures back as blobs.
     """
-    hashes = {
-        base64.b64encode(hashlib.sha256(code.encode("utf-8", "backslashreplace")).digest()).decode() for code in _SCRIPT.findall(body)
-    }
+    hashes = drawing | _hashes(body)
     scripts = " ".join(["'unsafe-eval'", *(f"'sha256-{value}'" for value in sorted(hashes))]) if hashes else "'none'"
     return (
         f"default-src 'none'; script-src {scripts}; style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src 'none'; "
@@ -198,9 +208,8 @@ def page(template: str, answer: Answer, say: Say, **values: Any) -> str:
     """Return the text of a page from its template, its first screen and the values that the template names."""
     read = [Markup((HERE / name).read_text(encoding="utf-8")) for name in ("base.css", "page.css", "page.js")]
     whole = _templates().get_template(template).render(answer=answer, say=say, style=read[0] + read[1], script=read[2], **values)
-    plotly = f'<script>window.PlotlyConfig = {{MathJaxConfig: "local"}};</script><script>{get_plotlyjs()}</script>'
-    whole = whole.replace("@plotly@", plotly if 'class="plotly-graph-div' in whole else "", 1)
-    return whole.replace("@policy@", policy(whole), 1)
+    plotly, drawing = _plotly() if 'class="plotly-graph-div' in whole else ("", frozenset())
+    return whole.replace("@policy@", policy(whole, drawing), 1).replace("@plotly@", plotly, 1)
 
 
 def write_page(path: Path, template: str, answer: Answer, say: Say, **values: Any) -> None:
