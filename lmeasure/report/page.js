@@ -8,11 +8,14 @@
   const fit = (plot) => {
     const drawn = plot._fullLayout, size = wall.matches && !paper() ? 15 : 12, ink = paper() ? '#16202a' : getComputedStyle(document.body).color;
     if (!drawn || !plot.clientWidth) return;
-    if (plot.high && !paper()) [plot.layout.height, plot.high] = [plot.high, 0];
-    if (size !== drawn.font.size && plot.layout.height) plot.layout.height *= size / drawn.font.size;
-    if (paper() && plot.layout.height > sheet(plot)) [plot.high, plot.layout.height] = [plot.layout.height, sheet(plot)];
-    if (plot.layout.height) plot.style.height = plot.parentElement.style.height = `${plot.layout.height}px`;
-    const high = (plot.layout.height || plot.closest('.scene')) && Math.abs(plot.clientHeight - drawn.height) > 0.6;
+    const box = plot.parentElement; // has the height: plotly forgets that of a layout when it fits the width
+    let own = box.style.height.endsWith('px') ? parseFloat(box.style.height) : 0;
+    if (plot.high && !paper()) [own, plot.high] = [plot.high, 0];
+    own *= size / drawn.font.size;
+    if (paper() && own > sheet(plot)) [plot.high, own] = [own, sheet(plot)];
+    if (own) box.style.height = `${own}px`;
+    if (own && plot.layout.height) plot.layout.height = own;
+    const high = (own || plot.closest('.scene')) && Math.abs(plot.clientHeight - drawn.height) > 0.6;
     if (high || plot.clientWidth !== Math.round(drawn.width) || size !== drawn.font.size || plot.layout.font?.color !== ink)
       Plotly.relayout(plot, { autosize: true, 'font.size': size, 'font.color': ink }); // at once: `Plots.resize` waits for a tenth of a second
   };
