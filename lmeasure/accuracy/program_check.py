@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.accuracy.scan import run
 from lmeasure.accuracy.zone import at_pose, make_plan, named_figures
 from lmeasure.core import AccuracyError, FloatArray, StructureError, se3
-from lmeasure.linkages import Behind, Kept, detour, nearest_pose
+from lmeasure.linkages import PathBounds, ToolLimits, detour, nearest_pose
 from lmeasure.recording import CommandedPath, Program
 from lmeasure.rig import CalibrationRecord, Rig
 from lmeasure.structure import Linkage, bounds_of
@@ -107,7 +107,7 @@ ROUNDS = 12  # in which the rotation along a path that is led around settles
 
 
 @dataclass(frozen=True)
-class Led:
+class PathCheck:
     """Result of a path: commanded and led points (n, 3) [mm], equal if it keeps the limits; left: the reason why it was not led; weaves:
     whether it was shifted as a whole."""
 
@@ -137,7 +137,7 @@ class Led:
         return message(f"accuracy.{code}", name=self.name, mm=off.max(), start=start, end=end)
 
 
-def corrected(kept_at: Callable[[FloatArray], Kept | None], program: Program, rotation: Rotation) -> tuple[Program, list[Led]]:
+def corrected(kept_at: Callable[[FloatArray], PathBounds | None], program: Program, rotation: Rotation) -> tuple[Program, list[PathCheck]]:
     """Return the program with every path within the limits of a rig or a mechanism, and the change of each path.
 
     A path that leaves them becomes one of points; its orientations, speed and cycles stay. It keeps the limits between its points. An end
@@ -155,10 +155,10 @@ def corrected(kept_at: Callable[[FloatArray], Kept | None], program: Program, ro
     return program.model_copy(update={"path": paths}), found
 
 
-def within(linkage: Linkage, limit_deg: float, lengths_mm: tuple[float, float] | None = None) -> Callable[[FloatArray], Kept | None]:
+def within(linkage: Linkage, limit_deg: float, lengths_mm: tuple[float, float] | None = None) -> Callable[[FloatArray], PathBounds | None]:
     """Return the limits of links for `corrected`: cables as they run over their pulleys, rods, Hooke joints."""
 
-    def kept_at(pose: FloatArray) -> Kept | None:
+    def kept_at(pose: FloatArray) -> PathBounds | None:
         try:
             bounds = bounds_of(linkage, pose, limit_deg, lengths_mm)
         except StructureError:
@@ -168,7 +168,7 @@ def within(linkage: Linkage, limit_deg: float, lengths_mm: tuple[float, float] |
     return kept_at
 
 
-def keeping(kept: Kept, pose: FloatArray) -> Kept | None:
+def keeping(kept: PathBounds, pose: FloatArray) -> PathBounds | None:
     """Return the limits where a pose (7,) keeps them, else None."""
     with np.errstate(invalid="ignore"):
         return kept if (kept.values(pose) >= MARGIN).all() else None
@@ -186,7 +186,7 @@ def _share(points: FloatArray) -> FloatArray:
     return np.asarray(gone / max(float(gone[-1]), 1e-300))
 
 
-def _led(kept: Kept, inside: FloatArray, path: CommandedPath, rotation: Rotation) -> Led:
+def _led(kept: PathBounds, inside: FloatArray, path: CommandedPath, rotation: Rotation) -> PathCheck:
     points = path.points(STEP_MM)
     if path.weave_stroke_mm is not None:
         return _shifted(kept, path, points, rotation)
@@ -194,7 +194,7 @@ def _led(kept: Kept, inside: FloatArray, path: CommandedPath, rotation: Rotation
     with np.errstate(invalid="ignore"):
         keeps = np.all(kept.values(_poses(path, points, rotation)) >= MARGIN, axis=1)
     if keeps.all():
-        return Led(path.name, points, points)
+        return PathCheck(path.name, points, points)
     for _ in range(ROUNDS):
         poses = _poses(path, points, rotation, share)
         try:
@@ -204,17 +204,17 @@ def _led(kept: Kept, inside: FloatArray, path: CommandedPath, rotation: Rotation
                 poses[end] = nearest_pose(kept, poses[end], MARGIN, begin, aim=MARGIN + INSIDE, turns=False)
             found = detour(kept, poses, margin=MARGIN, turns=False)
         except StructureError as error:
-            return Led(path.name, points, points, str(error).removeprefix("path: "))
+            return PathCheck(path.name, points, points, str(error).removeprefix("path: "))
         # the tool turns along the new path by its length, which is another one
         own = _share(found.poses[:, :3])
         if path.end_quaternion_xyzw is None or _keeps(kept, _poses(path, found.poses[:, :3], rotation)):
             commanded = np.column_stack([np.interp(found.parameter, np.arange(len(points)), column) for column in points.T])
-            return Led(path.name, commanded, found.poses[:, :3])
+            return PathCheck(path.name, commanded, found.poses[:, :3])
         share = np.interp(np.arange(len(points)), found.parameter, own)
-    return Led(path.name, points, points, message("accuracy.path_turns"))
+    return PathCheck(path.name, points, points, message("accuracy.path_turns"))
 
 
-def _shifted(kept: Kept, path: CommandedPath, points: FloatArray, rotation: Rotation) -> Led:
+def _shifted(kept: PathBounds, path: CommandedPath, points: FloatArray, rotation: Rotation) -> PathCheck:
     """Return a weaving path shifted by the least way. The program does not state the plane of the weave, so all around the line count."""
     assert path.weave_stroke_mm is not None
     along = points[-1] - points[0]
@@ -225,23 +225,23 @@ def _shifted(kept: Kept, path: CommandedPath, points: FloatArray, rotation: Rota
     poses = _poses(path, points, rotation)
     places = np.repeat(poses, SIDES + 1, axis=0)
     places[:, :3] += np.tile(np.vstack([np.zeros(3), rim]), (len(points), 1))
-    whole = Behind(kept, se3.compose(se3.inverse(places), np.broadcast_to(poses[0], places.shape)))
+    whole = ToolLimits(kept, se3.compose(se3.inverse(places), np.broadcast_to(poses[0], places.shape)))
     try:
         with np.errstate(invalid="ignore"):
             shift = nearest_pose(whole, poses[0], MARGIN, turns=False)[:3] - points[0]
     except StructureError as error:
-        return Led(path.name, points, points, str(error).removeprefix("path: "))
-    return Led(path.name, points, points + shift, weaves=True)
+        return PathCheck(path.name, points, points, str(error).removeprefix("path: "))
+    return PathCheck(path.name, points, points + shift, weaves=True)
 
 
-def _keeps(kept: Kept, poses: FloatArray) -> bool:
+def _keeps(kept: PathBounds, poses: FloatArray) -> bool:
     """Return whether a path through poses (n, 7) keeps the limits, halfway between them too."""
     half = se3.displaced(poses[:-1], 0.5 * se3.displacement(poses[1:], poses[:-1]))
     with np.errstate(invalid="ignore"):
         return bool((kept.values(np.concatenate([poses, half])) >= MARGIN - SETTLED).all())
 
 
-def _as_points(path: CommandedPath, found: Led) -> CommandedPath:
+def _as_points(path: CommandedPath, found: PathCheck) -> CommandedPath:
     """The path through other points, or shifted as a whole."""
     if found.weaves:
         return path.model_copy(update={"start_mm": tuple(found.points[0].tolist()), "end_mm": tuple(found.points[-1].tolist())})
@@ -252,7 +252,7 @@ def _as_points(path: CommandedPath, found: Led) -> CommandedPath:
     return CommandedPath(**kept, kind="points", points_mm=points)
 
 
-def correction_columns(found: list[Led]) -> dict[str, Any]:
+def correction_columns(found: list[PathCheck]) -> dict[str, Any]:
     """Columns of a table over all points of the paths that were led around."""
     led = [one for one in found if one.changed]
     both = [np.concatenate([getattr(one, key) for one in led] or [np.empty((0, 3))]) for key in ("commanded", "points")]

@@ -189,7 +189,7 @@ def run(
     """Return figures (F, n) and flags (n,) of all positions. workers: threads, by default one per core this process may use; scheduler:
     address of a dask scheduler that computes the chunks instead; checkpoint: folder of finished chunks, from which a killed scan continues.
     AccuracyError if the folder belongs to another scan, or the scheduler cannot be reached."""
-    kept = None if checkpoint is None else _Kept(checkpoint, plan)
+    kept = None if checkpoint is None else _SavedChunks(checkpoint, plan)
     n = len(plan.positions)
     figures, flags = np.empty((len(kernels.FIGURES), n)), np.empty(n, np.int64)
     missing = []
@@ -256,7 +256,7 @@ def _numbered_chunk(part: Plan, number: int) -> tuple[int, tuple[FloatArray, Int
     return number, scan_positions(own, own.positions)
 
 
-class _Kept:
+class _SavedChunks:
     """Finished chunks in a folder that belongs to one plan."""
 
     def __init__(self, folder: Path, plan: Plan) -> None:

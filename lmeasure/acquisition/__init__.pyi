@@ -18,6 +18,6 @@ from .logs.import_log import (
 )
 from .logs.read import log_suffixes as log_suffixes, read_frames as read_frames
 from .logs.report import Line as Line, LogFormat as LogFormat, LogReport as LogReport, by_lines as by_lines
-from .logs.scan_log import Scan as Scan, Spoken as Spoken, listen as listen, scan_log as scan_log
+from .logs.scan_log import LiveIdentifier as LiveIdentifier, Scan as Scan, listen as listen, scan_log as scan_log
 from .recorder import STALE_S as STALE_S, Progress as Progress, Recording as Recording, record as record, watch as watch
 from .session import Link as Link, connect as connect, options_from_text as options_from_text, record_session as record_session

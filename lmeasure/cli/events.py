@@ -23,7 +23,7 @@ from lmeasure.cli.text import rendered, word
 from lmeasure.text import count_of, of_terminal, texts
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition import Moved, Progress as State, Spoken
+    from lmeasure.acquisition import LiveIdentifier, Moved, Progress as State
     from lmeasure.demo import PlayedCell
     from lmeasure.procedures import Session
     from lmeasure.trajectory import PoseWatch
@@ -153,7 +153,7 @@ def captured(session: "Session") -> None:
 _captured = Paced("capture")
 
 
-def spoken(seconds: float, lines: "tuple[Spoken, ...]") -> None:
+def spoken(seconds: float, lines: "tuple[LiveIdentifier, ...]") -> None:
     """Report the senders on a bus."""
     reported = [{"name": o.name, "frames": o.frames, "rate_hz": o.rate_hz, "data": o.data.hex(" "), "lit": o.lit} for o in lines]
     _spoken("", seconds=seconds, lines=reported)

@@ -26,7 +26,7 @@ from lmeasure.text import message
 if TYPE_CHECKING:
     from lmeasure.acquisition import Check, Step
     from lmeasure.procedures import Session
-    from lmeasure.workflows import Asked, Progress, Result, Workflow
+    from lmeasure.workflows import CommandSettings, Progress, Result, Workflow
 
 
 LEAST_COLUMNS = 20
@@ -210,13 +210,13 @@ def state_line(keys: TypedLines | None = None) -> "Iterator[tuple[Callable[[str]
             keys.close()
 
 
-def with_bar(workflow: "Workflow", settings: "Asked") -> "Result":
+def with_bar(workflow: "Workflow", settings: "CommandSettings") -> "Result":
     """Under a progress bar."""
     with bar(workflow.name) as progress:
         return workflow.run(settings, heeded(progress))
 
 
-def quietly(workflow: "Workflow", settings: "Asked") -> "Result":
+def quietly(workflow: "Workflow", settings: "CommandSettings") -> "Result":
     """Run without a word."""
     return workflow.run(settings, heeded(lambda fraction, text: None))
 
@@ -235,7 +235,7 @@ def recording(workflow: "Workflow", settings: "Any") -> "Result":
         return workflow.run(settings, show=show)
 
 
-def watching(workflow: "Workflow", settings: "Asked") -> "Result":
+def watching(workflow: "Workflow", settings: "CommandSettings") -> "Result":
     """Show the table of the incoming counts."""
     if events.asked():
         return workflow.run(settings, show=events.live)
@@ -245,7 +245,7 @@ def watching(workflow: "Workflow", settings: "Asked") -> "Result":
         return workflow.run(settings, show=show)
 
 
-def questions(workflow: "Workflow", settings: "Asked") -> "Result":
+def questions(workflow: "Workflow", settings: "CommandSettings") -> "Result":
     """Ask the user to act while the counts are shown, then show the table of results."""
     from lmeasure.acquisition import Finished
 
@@ -283,7 +283,7 @@ def questions(workflow: "Workflow", settings: "Asked") -> "Result":
     return result
 
 
-def capturing(workflow: "Workflow", settings: "Asked") -> "Result":
+def capturing(workflow: "Workflow", settings: "CommandSettings") -> "Result":
     """Show lines for readings and one line for the state, and take lines that a user or a script types."""
     on_terminal = sys.stdin is not None and sys.stdin.isatty()
 
@@ -322,13 +322,13 @@ def inspecting(workflow: "Workflow", settings: "Any") -> "Result":
     return with_bar(workflow, settings)
 
 
-def listening(workflow: "Workflow", settings: "Asked") -> "Result":
+def listening(workflow: "Workflow", settings: "CommandSettings") -> "Result":
     """Show a progress bar, and the senders for other programs."""
     with bar(workflow.name) as progress:
         return workflow.run(settings, progress, show=events.spoken if events.asked() else None)
 
 
-def playing(workflow: "Workflow", settings: "Asked") -> "Result":
+def playing(workflow: "Workflow", settings: "CommandSettings") -> "Result":
     """Take lines that a user, a page or a script types, until their end."""
     keys = TypedLines()
     with state_line(keys) as (say, _):
@@ -351,7 +351,7 @@ def beginning(workflow: "Workflow", settings: "Any") -> "Result":
     return workflow.run(settings, ask=ask)
 
 
-def with_stages(workflow: "Workflow", settings: "Asked") -> "Result":
+def with_stages(workflow: "Workflow", settings: "CommandSettings") -> "Result":
     """Show a line for each stage."""
     with stages() as progress:
         return workflow.run(settings, heeded(progress))

@@ -25,7 +25,7 @@ from lmeasure.demo.calibrated_cell import (
     record_motion,
     stages,
 )
-from lmeasure.demo.robot_in_cell import TESTS, Tested, mark, robot_tested
+from lmeasure.demo.robot_in_cell import TESTS, RobotTest, mark, robot_tested
 from lmeasure.io import files
 from lmeasure.recording import POSITION_COLUMNS, Run, read_run, write_run
 from lmeasure.rig import Rig
@@ -195,7 +195,7 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
     verdict = message(
         "demo_page.verdict", poses=int((trajectory.status == Status.OK).sum()), mm=vector_rms(errors.position_mm), percent=100.0 * within
     )
-    found = Found(run, calibration, trajectory, distance, u95, zone, robot)
+    found = DemoResults(run, calibration, trajectory, distance, u95, zone, robot)
     write_demo_page(out / PAGE, message("demo_page.title"), verdict, found.parts(Say(of_terminal())), language=of_terminal())
     write_recording(
         out / "demo.rrd",
@@ -248,7 +248,7 @@ def _within(report: Callable[[int, int], None], number: int, of: int) -> Callabl
     return lambda done, total: report(min(number - 1, of), of)
 
 
-class Found(NamedTuple):
+class DemoResults(NamedTuple):
     """Contents of the page: run, calibration and trajectory, its distances from the truth and its U95 (n,) [mm], the zone, the robot."""
 
     run: Run
@@ -257,7 +257,7 @@ class Found(NamedTuple):
     distance_mm: FloatArray
     u95_mm: FloatArray
     zone: "xr.Dataset"
-    robot: Tested
+    robot: RobotTest
 
     @property
     def improvement(self) -> Improvement:

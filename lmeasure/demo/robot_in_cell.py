@@ -99,7 +99,7 @@ TESTS = Tests(
 
 
 @dataclass(frozen=True)
-class Held:
+class ComparedCharacteristic:
     """A characteristic compared with the truth: value and U95 as certified, true_value from the true poses of the same cycles."""
 
     name: str
@@ -117,14 +117,14 @@ class RobotDemo:
     """Results of the demo: every characteristic beside its truth, the effect of the correction on the robot, and the files to look at, the
     most telling first. loop: None where it was left out."""
 
-    held: tuple[Held, ...]
+    held: tuple[ComparedCharacteristic, ...]
     loop: Loop | None
     remarks: tuple[str, ...]
     look: tuple[Path, ...]
 
-    def shown(self) -> tuple[Held, ...]:
+    def shown(self) -> tuple[ComparedCharacteristic, ...]:
         """One of each name: at P1 or on the line where it is known there, else the first."""
-        best: dict[str, Held] = {}
+        best: dict[str, ComparedCharacteristic] = {}
         for h in self.held:
             plain = h.where in {"P1", "line"}
             if h.name not in best or (plain and best[h.name].where not in {"P1", "line"}):
@@ -172,10 +172,10 @@ def robot_demo(
     return RobotDemo(tested.held, tested.loop, remarks, tuple(out / name for name in look))
 
 
-class Tested(NamedTuple):
+class RobotTest(NamedTuple):
     """A tested robot: its characteristics beside their truth, the effect of correction, and the measured beside the true poses (n, 7)."""
 
-    held: tuple[Held, ...]
+    held: tuple[ComparedCharacteristic, ...]
     loop: Loop | None
     run: Run
     trajectory: Trajectory
@@ -193,7 +193,7 @@ def robot_tested(
     rng: np.random.Generator,
     step: Step,
     thorough: bool = True,
-) -> Tested:
+) -> RobotTest:
     """Let a simulated robot run the tests in a calibrated cell and certify it; correct it then and certify it again; all files into `out`.
 
     thorough: as for `close_loop`.
@@ -226,7 +226,9 @@ def robot_tested(
     choices = Choices(of_terminal(), force=True)
     certificate = write_certificate(out / "certificate", inputs, settings, choices, trajectory=trajectory, progress=report)
     held = hold(certificate["characteristics"], _without_errors(trajectory, done.poses), program, settings)
-    files.write_table(out / "characteristics.csv", {key: [getattr(h, key) for h in held] for key in Held.__dataclass_fields__})
+    files.write_table(
+        out / "characteristics.csv", {key: [getattr(h, key) for h in held] for key in ComparedCharacteristic.__dataclass_fields__}
+    )
 
     for name in COMPARED:  # an earlier demo's is of another certificate
         (out / name).unlink(missing_ok=True)
@@ -235,17 +237,19 @@ def robot_tested(
         again = campaign(CUBE, replace(tests, tests=tuple(t for t in AGAIN if t in tests.tests)))
         retest = Retest(again, settings, tests.settle_s, rate_hz)
         loop = close_loop(out, cell, robot, retest, first=(program, done), rng=rng, step=step, thorough=thorough)
-    return Tested(held, loop, run, trajectory, done.poses)
+    return RobotTest(held, loop, run, trajectory, done.poses)
 
 
 def hold(
     characteristics: Sequence[Mapping[str, Any]], truth: Trajectory, program: Program, settings: CertificationSettings
-) -> tuple[Held, ...]:
+) -> tuple[ComparedCharacteristic, ...]:
     """Each characteristic of a certificate beside that of the true trajectory, evaluated alike."""
     of_truth = evaluate(truth, program, settings=replace(settings, trials=100))
     true_values = {_key(c.as_dict()): c for c in of_truth.characteristics}
     return tuple(
-        Held(c["name"], t.where, c["unit"], c["value"], c["u95"], t.value, abs(c["value"] - t.value) <= c["u95"], c["capable"])
+        ComparedCharacteristic(
+            c["name"], t.where, c["unit"], c["value"], c["u95"], t.value, abs(c["value"] - t.value) <= c["u95"], c["capable"]
+        )
         for c in characteristics
         if (t := true_values.get(_key(c))) is not None
     )
@@ -261,7 +265,7 @@ def _without_errors(trajectory: Trajectory, poses: FloatArray) -> Trajectory:
     return replace(trajectory, poses=poses, status=status, random=nothing, systematic=nothing, covers="nothing: the truth", notes=())
 
 
-def _remarks(held: tuple[Held, ...], settings: CertificationSettings) -> tuple[str, ...]:
+def _remarks(held: tuple[ComparedCharacteristic, ...], settings: CertificationSettings) -> tuple[str, ...]:
     inside = Counter(h.inside for h in held)[True]
     capable = Counter(h.capable for h in held)[True]
     return (

@@ -1,4 +1,4 @@
-from .bounds import Behind as Behind, Bounds as Bounds, Further as Further, Kept as Kept, Lines as Lines
+from .bounds import Bounds as Bounds, Further as Further, Lines as Lines, PathBounds as PathBounds, ToolLimits as ToolLimits
 from .chain import Around as Around, Chain as Chain, grown as grown, proved as proved
 from .detours import detour as detour, nearest_pose as nearest_pose
 from .flat_tetrahedra import Tetrahedron as Tetrahedron, adjusted as adjusted, clear as clear

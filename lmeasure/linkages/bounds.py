@@ -36,7 +36,7 @@ Lines = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 For links of rods, rates (..., m, 3, 6) of what their ends move by twists (omega; v) take the place of points."""
 
 
-class Kept(Protocol):
+class PathBounds(Protocol):
     """Limits that a path keeps, as `Bounds` has them: base (m, 3) and body (m, 3), points that size turns and shifts; names (k,) of the
     limits; values (..., k) at poses (..., 7), smooth, positive where a limit is kept, NaN where the mechanism cannot be."""
 
@@ -50,10 +50,10 @@ class Kept(Protocol):
 
 
 @dataclass(frozen=True)
-class Behind:
+class ToolLimits:
     """The limits of a body that carries a tool, at poses of the tool; tool (7,): body_from_tool, or (n, 7) of n bodies on one tool."""
 
-    own: Kept
+    own: PathBounds
     tool: FloatArray
 
     @property

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from lmeasure.core import FloatArray, StructureError, se3
-from lmeasure.linkages.bounds import Kept
+from lmeasure.linkages.bounds import PathBounds
 from lmeasure.linkages.singularity import rim_mm
 from lmeasure.text import message
 
@@ -38,7 +38,7 @@ class Detour:
     norm_mm: FloatArray
 
 
-def detour(bounds: Kept, poses: FloatArray, margin: float = 0.0, *, turns: bool = True) -> Detour:
+def detour(bounds: PathBounds, poses: FloatArray, margin: float = 0.0, *, turns: bool = True) -> Detour:
     """Return the commanded poses (n, 7), and more between them where needed, led around the limits; margin: distance from the limits, in
     their units (`Bounds.values`); turns: whether the body may be turned, too, or is only shifted.
 
@@ -72,7 +72,7 @@ def detour(bounds: Kept, poses: FloatArray, margin: float = 0.0, *, turns: bool 
     return Detour(out, parameter, shift, turn, np.hypot(shift, rim * turn))
 
 
-def _halved(bounds: Kept, poses: FloatArray, margin: float, aim: float, turns: bool) -> list[tuple[float, FloatArray]]:
+def _halved(bounds: PathBounds, poses: FloatArray, margin: float, aim: float, turns: bool) -> list[tuple[float, FloatArray]]:
     """Parameters and poses of the path, each led around, with more of them where the way between two does not keep the limits."""
     kept = np.asarray((bounds.values(poses) >= margin).all(axis=1))
     found: list[tuple[float, FloatArray]] = []
@@ -93,7 +93,7 @@ def _halved(bounds: Kept, poses: FloatArray, margin: float, aim: float, turns: b
     return found
 
 
-def _short(bounds: Kept, found: list[tuple[float, FloatArray]], margin: float) -> tuple[float, int]:
+def _short(bounds: PathBounds, found: list[tuple[float, FloatArray]], margin: float) -> tuple[float, int]:
     """Return the shortfall of the worst place between the poses from the margin, and the sample before it."""
     between = np.array([at(np.stack([a, b]), part) for (_, a), (_, b) in pairwise(found) for part in (0.25, 0.5, 0.75)])
     short = margin - np.nan_to_num(bounds.values(between), nan=-np.inf).min(axis=1)
@@ -102,7 +102,13 @@ def _short(bounds: Kept, found: list[tuple[float, FloatArray]], margin: float) -
 
 
 def nearest_pose(
-    bounds: Kept, pose: FloatArray, margin: float = 0.0, start: FloatArray | None = None, *, aim: float | None = None, turns: bool = True
+    bounds: PathBounds,
+    pose: FloatArray,
+    margin: float = 0.0,
+    start: FloatArray | None = None,
+    *,
+    aim: float | None = None,
+    turns: bool = True,
 ) -> FloatArray:
     """The pose (7,) nearest to a pose that keeps all limits: least displacement under the limits made linear, again and again. start (7,):
     where to begin, by default the pose itself; aim: by how much limits are kept where the pose does not keep the margin, by default that;
@@ -132,7 +138,7 @@ def nearest_pose(
     raise StructureError(message("error.path_no_pose_near"))
 
 
-def _linear(bounds: Kept, pose: FloatArray, now: FloatArray, unit: FloatArray, rim: float) -> tuple[FloatArray, FloatArray]:
+def _linear(bounds: PathBounds, pose: FloatArray, now: FloatArray, unit: FloatArray, rim: float) -> tuple[FloatArray, FloatArray]:
     """(k,) limits at a displacement now (q,) from the pose, and (k, q) their rates; unit (6, q): its directions, in mm of the rim."""
     # so far because cables over pulleys are known to 1e-13 of their limits only
     step, each = 1e-4 * rim, np.eye(len(now))

@@ -73,7 +73,7 @@ def errors_in_space(certificate: dict[str, Any]) -> Picture | None:
     return Picture((svg,), word(language, "errors.text", box=f"{box}\u00a0{unit(language, 'mm')}", factor=_short(language, factor)))
 
 
-class Shown(NamedTuple):
+class SummaryFigure(NamedTuple):
     """A figure of the summary: as it is printed, at which pose or path, and its bar."""
 
     result: say.Result
@@ -81,7 +81,7 @@ class Shown(NamedTuple):
     bar: str
 
 
-def figures(certificate: dict[str, Any]) -> list[Shown]:
+def figures(certificate: dict[str, Any]) -> list[SummaryFigure]:
     """The figures that matter most."""
     out = []
     for one in chosen(certificate):
@@ -89,5 +89,5 @@ def figures(certificate: dict[str, Any]) -> list[Shown]:
         if one.of > 1:
             where = word(certificate["language"], "summary.worst", place=where, number=one.of)
         label = " ".join(t for t in (result.symbol, result.value, result.u95, result.unit, result.limits) if t)
-        out.append(Shown(result, where, drawings.bar(one.figure, label)))
+        out.append(SummaryFigure(result, where, drawings.bar(one.figure, label)))
     return out

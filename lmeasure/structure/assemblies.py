@@ -23,7 +23,7 @@ IMPROVED = 10  # steps of least squares
 
 
 @dataclass(frozen=True)
-class Found:
+class AssemblyResult:
     """poses (k, 7) base_from_platform; certified (k,): proved to be exactly one assembly; misses_mm (k,): largest |length - given|.
     complex_found of complex_expected: as `straight.Assemblies`, of the six links that were solved; None of cables that are wrapped.
     next_misses_mm: how far the best of those misses that fit six links but not the others; infinite where there is none."""
@@ -37,7 +37,7 @@ class Found:
     next_misses_mm: float = float("inf")
 
 
-def found_of(linkage: Linkage, lengths: FloatArray, within_mm: float = WITHIN_MM) -> Found:
+def found_of(linkage: Linkage, lengths: FloatArray, within_mm: float = WITHIN_MM) -> AssemblyResult:
     """Assemblies of lengths (m,) [mm]; six of the links must hold the platform somewhere."""
     if linkage.rods is not None:
         return _of_rods(linkage.rods, lengths)
@@ -51,27 +51,27 @@ def found_of(linkage: Linkage, lengths: FloatArray, within_mm: float = WITHIN_MM
         poses, _ = linkages.wrapped_assemblies(linkage.wrapped[six], lengths[six])
         certified, status, counts = np.zeros(len(poses), dtype=np.bool_), linkages.NOT_PROVED, (None, None)
     if len(lengths) == linkages.LINKS:
-        return Found(poses, certified, _misses(linkage, poses, lengths), status, *counts)
+        return AssemblyResult(poses, certified, _misses(linkage, poses, lengths), status, *counts)
     near = _misses(linkage, poses, lengths) <= 100.0 * within_mm
     poses = np.where(near[:, None], np.array([_improved(linkage, pose, lengths) for pose in poses]).reshape(-1, 7), poses)
     misses = _misses(linkage, poses, lengths)
     kept = (misses <= within_mm) & _first(poses, rim_mm(linkage.platform))
     rest = float(misses[misses > within_mm].min(initial=np.inf))
     # that one pose closes more than six links cannot be proved by numbers
-    return Found(poses[kept], np.zeros(int(kept.sum()), dtype=np.bool_), misses[kept], status, *counts, rest)
+    return AssemblyResult(poses[kept], np.zeros(int(kept.sum()), dtype=np.bool_), misses[kept], status, *counts, rest)
 
 
-def _of_rods(rods: linkages.RodLinks, lengths: FloatArray) -> Found:
+def _of_rods(rods: linkages.RodLinks, lengths: FloatArray) -> AssemblyResult:
     """Return the modes of straight links with the same poses, or modes found from many starts where there are no such links."""
     if rods.gauges is None:
         poses = rods.poses_of(lengths)
-        return Found(poses, np.zeros(len(poses), dtype=np.bool_), np.zeros(len(poses)), linkages.NOT_PROVED, None, None)
+        return AssemblyResult(poses, np.zeros(len(poses), dtype=np.bool_), np.zeros(len(poses)), linkages.NOT_PROVED, None, None)
     links = rods.links_of_drives(lengths)
     if not np.isfinite(links).all():
-        return Found(np.empty((0, 7)), np.zeros(0, dtype=np.bool_), np.zeros(0), linkages.ALL, 0, 0)
+        return AssemblyResult(np.empty((0, 7)), np.zeros(0, dtype=np.bool_), np.zeros(0), linkages.ALL, 0, 0)
     proofs = linkages.assemblies(*rods.bodies, links)
     misses = np.abs(rods.placed(proofs.poses).lengths - lengths).max(axis=1)
-    return Found(proofs.poses, proofs.certified, misses, proofs.status, proofs.complex_found, proofs.complex_expected)
+    return AssemblyResult(proofs.poses, proofs.certified, misses, proofs.status, proofs.complex_found, proofs.complex_expected)
 
 
 def six_of(linkage: Linkage) -> list[int]:

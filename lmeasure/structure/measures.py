@@ -47,7 +47,7 @@ def lines_of(linkage: Linkage) -> linkages.Lines:
 
 
 @dataclass(frozen=True)
-class Held:
+class PoseMeasures:
     """At poses (n,): determinant [mm^3], NaN with more than six links; rank; condition and mm_per_mm, infinite if the links do not fix the
     platform; u95_mm: of its origin, for the given uncertainties of lengths; worst_angle_deg: pressure angle."""
 
@@ -59,7 +59,7 @@ class Held:
     worst_angle_deg: FloatArray
 
 
-def held(linkage: Linkage, poses: FloatArray, u_mm: FloatArray | float = 1.0) -> Held:
+def held(linkage: Linkage, poses: FloatArray, u_mm: FloatArray | float = 1.0) -> PoseMeasures:
     """Return how the links hold the platform at poses (n, 7); u_mm: standard uncertainty of each length."""
     M, _, points = lines_of(linkage)(poses)
     known = np.asarray(np.isfinite(M).all(axis=(1, 2)))
@@ -81,7 +81,7 @@ def held(linkage: Linkage, poses: FloatArray, u_mm: FloatArray | float = 1.0) ->
         u95[i] = radius_95(C[0, 0], C[1, 1], C[2, 2], C[0, 1], C[0, 2], C[1, 2])
         worst[i] = np.degrees(linkages.line_pressure_angles(M[i], points[i], middle[i], rim).max())
     det = np.where(known, np.linalg.det(M), np.nan) if m == linkages.LINKS else np.full(len(poses), np.nan)
-    return Held(det, np.where(known, rank, 0), condition, gain, u95, worst)
+    return PoseMeasures(det, np.where(known, rank, 0), condition, gain, u95, worst)
 
 
 def at_pose(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
@@ -188,7 +188,7 @@ def _least_seen(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
     return {"direction": screw.direction.tolist(), "point_mm": screw.point.tolist(), "pitch_mm": pitch, "mm_per_mm": screw.mm_per_mm}
 
 
-def _figures(one: Held) -> dict[str, Any]:
+def _figures(one: PoseMeasures) -> dict[str, Any]:
     return {
         "determinant": _number(one.determinant[0]),
         "rank": int(one.rank[0]),

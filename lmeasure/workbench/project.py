@@ -32,7 +32,7 @@ class OutsideError(LMeasureError):
 
 
 @dataclass(frozen=True)
-class Found:
+class ProjectFile:
     """An object of the project: its kind (rig, calibration, record, run, trajectory, zone, program, certificate, poses, robot, page,
     recording, log, ...) and its path in the folder, with slashes."""
 
@@ -45,7 +45,7 @@ class Project:
     """A folder and its content."""
 
     folder: Path
-    found: tuple[Found, ...] = field(repr=False, default=())
+    found: tuple[ProjectFile, ...] = field(repr=False, default=())
     known: Mapping[str, str] = field(repr=False, default_factory=dict)
     """Values known beside files, by options: the used bus, and the pose of a simulated robot."""
     doubted: frozenset[str] = field(repr=False, default=frozenset())
@@ -107,60 +107,60 @@ def _aside(here: Path, name: str) -> bool:
     return any((here / file).is_file() for file in beside.get(name, ()))
 
 
-def _kinds(folder: Path, path: Path) -> Iterator[Found]:
+def _kinds(folder: Path, path: Path) -> Iterator[ProjectFile]:
     """Yield the kind of a file; a folder is known by the file that makes its kind."""
     here, above = path.relative_to(folder).as_posix(), path.parent.relative_to(folder).as_posix()
     suffix = path.suffix.lower()
     if path.name == "run.toml":
-        yield Found("run", above)
+        yield ProjectFile("run", above)
     elif path.name == "certificate.json":
-        yield Found("certificate", above)
+        yield ProjectFile("certificate", above)
     elif path.name == "calibration.json":
-        yield Found("record", here)
+        yield ProjectFile("record", here)
     elif path.name == "check.json":
-        yield Found("check", here)
+        yield ProjectFile("check", here)
     elif path.name == "register.sqlite":
-        yield Found("register", above)
+        yield ProjectFile("register", above)
     elif path.name == "identified.json":
-        yield Found("identification", above)
+        yield ProjectFile("identification", above)
     elif path.name == "reference_poses.csv" and (path.parent / "counts.csv").is_file():
-        yield Found("calibration", above)
-        yield Found("poses", here)  # to be captured again
+        yield ProjectFile("calibration", above)
+        yield ProjectFile("poses", here)  # to be captured again
     elif suffix == ".toml":
         if kind := _BY_SCHEMA.get(schema_of(path)):
-            yield Found(kind, here)
+            yield ProjectFile(kind, here)
     elif suffix == ".nc":
-        yield Found("zone", here)
+        yield ProjectFile("zone", here)
     elif suffix == ".rrd":
-        yield Found("recording", here)
+        yield ProjectFile("recording", here)
     elif suffix in (".key", ".pub"):
-        yield Found("key" if suffix == ".key" else "public key", here)
+        yield ProjectFile("key" if suffix == ".key" else "public key", here)
     elif suffix in (".html", ".pdf"):
-        yield Found("page", here)
+        yield ProjectFile("page", here)
     elif suffix in log_suffixes():
-        yield Found("log", here)
+        yield ProjectFile("log", here)
     elif suffix in (".csv", ".parquet", ".tum", ".mcap"):
         yield from _table(path, here)
 
 
-def _table(path: Path, here: str) -> Iterator[Found]:
+def _table(path: Path, here: str) -> Iterator[ProjectFile]:
     if path.suffix.lower() in (".tum", ".mcap"):
-        yield Found("trajectory", here)
+        yield ProjectFile("trajectory", here)
         return
     if path.suffix.lower() == ".parquet":
         if not path.name.startswith("pass"):
-            yield Found("trajectory", here)
+            yield ProjectFile("trajectory", here)
         return
     # as they are read: a mark of other editors before the first, semicolons or tabs between them
     names = {name.strip().strip('"') for name in re.split("[,;\t]", _head(path).removeprefix("\ufeff").split("\n", 1)[0])}
     if {"time_s", "x_mm", "y_mm", "z_mm"} <= names:
-        yield Found("trajectory", here)
+        yield ProjectFile("trajectory", here)
     elif {"pose", "x_mm"} <= names:
-        yield Found("poses", here)
+        yield ProjectFile("poses", here)
     elif {"command", "target", "move", "x_mm"} <= names:
-        yield Found("commands", here)
+        yield ProjectFile("commands", here)
     elif {"name", "x_mm"} <= names and any(name.startswith("joint_") for name in names):
-        yield Found("measurements", here)
+        yield ProjectFile("measurements", here)
 
 
 def _head(path: Path) -> str:

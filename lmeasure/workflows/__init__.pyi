@@ -24,4 +24,4 @@ from .registry import (
     load as load,
     panel_of as panel_of,
 )
-from .settings import Asked as Asked, Writing as Writing, said_of as said_of
+from .settings import CommandSettings as CommandSettings, Writing as Writing, said_of as said_of

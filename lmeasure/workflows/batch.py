@@ -18,7 +18,7 @@ from lmeasure.text import Message, message, of_terminal, plain
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
 from lmeasure.workflows.options import written
 from lmeasure.workflows.registry import load
-from lmeasure.workflows.settings import LANGUAGE, Asked, Paths, Writing, option, said_of, then
+from lmeasure.workflows.settings import LANGUAGE, CommandSettings, Paths, Writing, option, said_of, then
 
 if TYPE_CHECKING:
     from lmeasure.fleet import Item, Outcome, Store
@@ -35,7 +35,7 @@ CATALOGUE = "catalogue.sqlite"
 NO_PLACE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 
-class BatchSettings(Asked):
+class BatchSettings(CommandSettings):
     command: Annotated[
         Literal["import", "reconstruct", "calibrate", "identify", "certify", "verify", "motion", "zone", "place", "simulate", "correct"],
         option("Command to do for each item.", metavar="COMMAND", positional=True),
@@ -149,7 +149,7 @@ MOST_LINES = 10
 """Most failures on the screen."""
 
 
-def _options(settings: BatchSettings, model: type[Asked], subject: str) -> dict[str, str]:
+def _options(settings: BatchSettings, model: type[CommandSettings], subject: str) -> dict[str, str]:
     """Return the options that all items have; SettingsError for one that the command has not."""
     own = {"out", subject, "force", "report", "rerun", "browser"}
     known = sorted(name for name in model.model_fields if name not in own)
@@ -163,7 +163,7 @@ def _options(settings: BatchSettings, model: type[Asked], subject: str) -> dict[
     return out
 
 
-def _absolute(options: dict[str, str], model: type[Asked]) -> dict[str, str]:
+def _absolute(options: dict[str, str], model: type[CommandSettings]) -> dict[str, str]:
     """Return options in which files are found from any folder."""
     fields = model.model_fields
     paths = {name for name in options if name in fields and (written(fields[name]).kind is Path or Path(options[name]).exists())}
@@ -259,7 +259,7 @@ def _place(task: Task, file: str) -> str:
     return f"{task.command}/{task.item.place}" + (f"/{file}" if file else "")
 
 
-def _digest(task: Task, settings: Asked, subject: str) -> str:
+def _digest(task: Task, settings: CommandSettings, subject: str) -> str:
     """Return the SHA-256 of the version, the command, its options, and the bytes of all its inputs."""
     from lmeasure.fleet import digest_of
 

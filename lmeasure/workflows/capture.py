@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Protocol
 from lmeasure.core import CancelledError, GeometryError, LMeasureError, SettingsError
 from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, silent, workflow
-from lmeasure.workflows.settings import Asked, Names, Paths, Start, option
+from lmeasure.workflows.settings import CommandSettings, Names, Paths, Start, option
 
 if TYPE_CHECKING:
     from lmeasure.acquisition import Link, Progress as State
@@ -39,7 +39,7 @@ class Keys(Protocol):
         """Return whether there will be no more."""
 
 
-class CaptureSettings(Asked):
+class CaptureSettings(CommandSettings):
     NEXT: ClassVar[str] = "calibrate {out} --out calibrated"
     rig: Annotated[Path, option("Nominal rig.toml; its table [can] assigns frames to counters.", metavar="RIG", positional=True)]
     poses: Annotated[Path, option("Reference poses, as `plan-poses` writes them.", metavar="planned.csv")]
@@ -220,7 +220,7 @@ def own_bus(folder: Path) -> str:
     return f"udp_multicast:239.74.{1 + digest[0] % 250}.{1 + digest[1] % 250}"
 
 
-class PlaySettings(Asked):
+class PlaySettings(CommandSettings):
     NEXT: ClassVar[str] = "init my-cell"
     rig: Annotated[Path, option("rig.toml with the measured dimensions of the cell.", metavar="RIG", positional=True)]
     bus: Annotated[

@@ -18,7 +18,7 @@ from lmeasure.workflows.settings import (
     TRAJECTORY,
     U_POSITION,
     U_ROTATION,
-    Asked,
+    CommandSettings,
     Paths,
     Point,
     Recording,
@@ -225,7 +225,7 @@ def _figures(content: dict[str, Any]) -> dict[str, float]:
     return counted | {f"largest_{name}_mm": max(values) for name, values in largest.items() if values}
 
 
-class VerifySettings(Asked):
+class VerifySettings(CommandSettings):
     NEXT: ClassVar[str] = "inspect {bundle}"
     bundle: Annotated[Path, option("Folder or zip that `certify` wrote.", metavar="DIR|FILE.zip", positional=True)]
     public_key: Annotated[Path | None, option("Public key of the expected signer, or a folder of authorised keys.", metavar="FILE|DIR")] = (

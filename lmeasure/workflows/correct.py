@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from lmeasure.core import FloatArray
     from lmeasure.iso9283 import Cube
-    from lmeasure.linkages import Kept
+    from lmeasure.linkages import PathBounds
     from lmeasure.recording import Program
     from lmeasure.robot_programs import Corrected, Dialect, Listing
     from lmeasure.robots import Limits
@@ -434,12 +434,12 @@ def _corrected(settings: ProgramSettings, commanded: Path) -> Result:
     return Result(made, tuple(one.line() for one in found), {"led_around": float(sum(one.changed for one in found))}, left)
 
 
-def _limits_of_program(settings: ProgramSettings) -> "Callable[[FloatArray], Kept | None]":
+def _limits_of_program(settings: ProgramSettings) -> "Callable[[FloatArray], PathBounds | None]":
     """The limits of --rig or --robot: those of a mechanism's legs, drives and joints, or pressure angles and lengths of links."""
     from lmeasure.accuracy import keeping, within
     from lmeasure.core import se3
     from lmeasure.io import files
-    from lmeasure.linkages import LINKS, Behind
+    from lmeasure.linkages import LINKS, ToolLimits
     from lmeasure.rig import read_linked_rig
     from lmeasure.robots import SCHEMA, ParallelFile, PathLimits, PlatformFile
     from lmeasure.structure import linkage_of, read_linkage
@@ -461,15 +461,15 @@ def _limits_of_program(settings: ProgramSettings) -> "Callable[[FloatArray], Kep
         assert links is not None
         own = within(links, limit, settings.length_mm)
 
-        def on_tool(pose: "FloatArray") -> "Kept | None":
+        def on_tool(pose: "FloatArray") -> "PathBounds | None":
             kept = own(se3.compose(pose, se3.inverse(tool)))
-            return None if kept is None else Behind(kept, tool)
+            return None if kept is None else ToolLimits(kept, tool)
 
         return on_tool
     if not isinstance(robot, ParallelFile) or len(robot.model.joint_names) != LINKS:
         raise SettingsError("robot", message("error.corrects_paths_of_platforms", name=settings.robot))
     refuse(settings, message("refuse.not_mechanism"), "limit_deg", "length_mm")
-    limits = Behind(PathLimits(robot.model, robot.limits), robot.tool_pose)
+    limits = ToolLimits(PathLimits(robot.model, robot.limits), robot.tool_pose)
     return lambda pose: keeping(limits, pose)
 
 

@@ -13,7 +13,7 @@ from lmeasure.io import os_reason
 from lmeasure.text import message
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, workflow
 from lmeasure.workflows.registry import load
-from lmeasure.workflows.settings import BROWSER, RERUN, Asked, Paths, Recording, Writing, option
+from lmeasure.workflows.settings import BROWSER, RERUN, CommandSettings, Paths, Recording, Writing, option
 
 
 class DemoSettings(Writing):
@@ -161,7 +161,7 @@ def run_simulate(settings: SimulateSettings, progress: Progress = silent) -> Res
     )
 
 
-class WarmSettings(Asked):
+class WarmSettings(CommandSettings):
     NEXT: ClassVar[str] = "demo"
 
 
@@ -204,7 +204,7 @@ SOURCE = Path(__file__).parents[2] / "docs"
 """Folder of the pages in a copy of the repository; an installed package has none."""
 
 
-class DocsSettings(Asked):
+class DocsSettings(CommandSettings):
     NEXT: ClassVar[str] = "demo"
     page: Annotated[
         str | None, option("Page to open, such as zone or troubleshooting; default the first.", metavar="PAGE", positional=True)
@@ -245,7 +245,7 @@ Serve = Callable[["WorkbenchSettings", Callable[[str], None], Callable[[str], ob
 browser, or None."""
 
 
-class WorkbenchSettings(Asked):
+class WorkbenchSettings(CommandSettings):
     NEXT: ClassVar[str] = "workbench {folder}"
     folder: Annotated[Path, option("Project folder; created if it does not exist.", metavar="FOLDER", positional=True)] = Path()
     within: Annotated[Path | None, option("Folder of projects: the page Home opens and creates projects in it.", metavar="FOLDER")] = None

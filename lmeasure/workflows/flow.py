@@ -18,7 +18,7 @@ from lmeasure.core import CancelledError, LMeasureError, OverwriteError
 from lmeasure.io import abandoned, read_toml
 from lmeasure.recording import recording_at
 from lmeasure.text import Message, message, plain
-from lmeasure.workflows.settings import Asked, Writing
+from lmeasure.workflows.settings import CommandSettings, Writing
 
 
 @contextmanager
@@ -137,7 +137,7 @@ def _stamp(path: Path) -> tuple[int, ...] | None:
     return (found.st_ino, found.st_mtime_ns, found.st_size) if stat.S_ISREG(found.st_mode) else None
 
 
-Given = TypeVar("Given", bound=Asked)
+Given = TypeVar("Given", bound=CommandSettings)
 More = ParamSpec("More")
 
 

@@ -21,7 +21,7 @@ from lmeasure.workflows.settings import (
     START,
     U_POSITION,
     U_ROTATION,
-    Asked,
+    CommandSettings,
     Paths,
     Start,
     Writing,
@@ -389,7 +389,7 @@ DOCUMENTS = ("structure", "scenario", "placement", "details", "report", "drum")
 """Kinds of .toml files that are shown as they are."""
 
 
-class ViewSettings(Asked):
+class ViewSettings(CommandSettings):
     NEXT: ClassVar[str] = "workbench my-cell"
     recording: Annotated[Path, option("Recording from an option --rerun, or from the demo.", metavar="FILE.rrd", positional=True)]
     web: Annotated[

@@ -16,7 +16,7 @@ from lmeasure.workflows.settings import Pose, Separated, Turned, said_of, unit_o
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
 
-    from lmeasure.workflows.settings import Asked
+    from lmeasure.workflows.settings import CommandSettings
 
 
 class Written(NamedTuple):
@@ -58,7 +58,7 @@ def _marks(field: "FieldInfo") -> tuple[Any, list[Any]]:
     return kind, marks
 
 
-def rows_of_numbers(settings: "type[Asked]") -> dict[str, Pose | Separated]:
+def rows_of_numbers(settings: "type[CommandSettings]") -> dict[str, Pose | Separated]:
     """Return the marks of the options that take a row of numbers, by their flags."""
     out: dict[str, Pose | Separated] = {}
     for name, field in settings.model_fields.items():
@@ -108,7 +108,7 @@ def _are_numbers(words: Sequence[str], mark: Pose | Separated) -> bool:
     return False
 
 
-def fields_of(settings: "type[Asked]") -> dict[str, "FieldInfo"]:
+def fields_of(settings: "type[CommandSettings]") -> dict[str, "FieldInfo"]:
     """Return all options of a command by their names, its own first and those that all commands share behind them."""
     shared = [name for name in settings.model_fields if name not in settings.__annotations__]
     return {name: field for name, field in settings.model_fields.items() if name not in shared} | {
@@ -131,7 +131,7 @@ def other_flags(name: str, field: "FieldInfo") -> list[str]:
     return [*([short] if short else []), *said_of(field).get("also", ())]
 
 
-def former_options(settings: "type[Asked]") -> frozenset[str]:
+def former_options(settings: "type[CommandSettings]") -> frozenset[str]:
     """Return the options that are arguments of the command now."""
     return frozenset(
         flag for name, field in settings.model_fields.items() if "positional" in said_of(field) for flag in other_flags(name, field)
@@ -176,7 +176,7 @@ class Option(NamedTuple):
     metavar: str
 
 
-def options_of(settings: "type[Asked]") -> tuple[Option, ...]:
+def options_of(settings: "type[CommandSettings]") -> tuple[Option, ...]:
     """Return all options of a command, in their order."""
     command = re.sub(r"(?<!^)(?=[A-Z])", "-", settings.__name__.removesuffix("Settings")).lower()
     return tuple(_option(command, name, field) for name, field in fields_of(settings).items())
@@ -213,7 +213,7 @@ def _option(command: str, name: str, field: "FieldInfo") -> Option:
     )
 
 
-def command_line(command: str, settings: "type[Asked]", given: Mapping[str, Any]) -> list[str]:
+def command_line(command: str, settings: "type[CommandSettings]", given: Mapping[str, Any]) -> list[str]:
     """The words after `lmeasure` that ask the same; given are values by name: texts as they are typed, True and False, several texts."""
     arguments, words = [], []
     for option in options_of(settings):

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 from lmeasure.core import GeometryError, LMeasureError, RigError, SettingsError, TrajectoryError
 from lmeasure.text import count_of, joined, message, reason
 from lmeasure.workflows.flow import Ending, Progress, Result, present, silent, workflow
-from lmeasure.workflows.settings import RERUN, RIG, START, Asked, Paths, Recording, Start, Writing, option, then
+from lmeasure.workflows.settings import RERUN, RIG, START, CommandSettings, Paths, Recording, Start, Writing, option, then
 
 if TYPE_CHECKING:
-    from lmeasure.acquisition import Ask, Check, Progress as State, Samples, Spoken
+    from lmeasure.acquisition import Ask, Check, LiveIdentifier, Progress as State, Samples
     from lmeasure.trajectory import PoseWatch
 
     Show = Callable[[State, PoseWatch | str], None]
@@ -144,7 +144,7 @@ def _growing(settings: RecordSettings) -> "AbstractContextManager[Callable[[Samp
     return growing_counts(settings.rerun, tuple(read_rig(settings.rig).counters_of(settings.passage)), settings.passage)
 
 
-class WatchSettings(Asked):
+class WatchSettings(CommandSettings):
     NEXT: ClassVar[str] = "record {rig} --bus {bus} --out run"
     rig: Annotated[Path, RIG]
     bus: Annotated[str, option("socketcan:can0, slcan:/dev/ttyACM0, replay:FILE, ...", metavar="INTERFACE:CHANNEL")]
@@ -196,7 +196,7 @@ def run_watch(settings: WatchSettings, progress: Progress = silent, show: "Show 
     return Result(last, (line,), figures | {"faults": float(sum(last.faults.values()))})
 
 
-class ScanSettings(Asked):
+class ScanSettings(CommandSettings):
     bus: Annotated[str | None, option("Listen to this bus; without it, `scan` lists the adapters.", metavar="INTERFACE:CHANNEL")] = None
     seconds: Annotated[float, option("Listening time.", ge=0.1, le=3600, unit="s")] = 5.0
     bit_rate: Annotated[int | None, option("Bit rate of the bus, if the adapter needs it.", ge=1, unit="bit/s")] = None
@@ -211,7 +211,7 @@ class ScanSettings(Asked):
 
 @workflow
 def run_scan(
-    settings: ScanSettings, progress: Progress = silent, *, show: "Callable[[float, tuple[Spoken, ...]], None] | None" = None
+    settings: ScanSettings, progress: Progress = silent, *, show: "Callable[[float, tuple[LiveIdentifier, ...]], None] | None" = None
 ) -> Result:
     """List adapters, or listen; show gets the senders all the while."""
     from lmeasure.acquisition import adapters, listen, open_source, options_from_text
@@ -228,7 +228,7 @@ def run_scan(
         return Result(made, (*lines, *notes), {"adapters": float(len(found))}, notes, next=following)
     ending = Ending(progress)
 
-    def reported(seconds: float, spoken: "tuple[Spoken, ...]") -> None:
+    def reported(seconds: float, spoken: "tuple[LiveIdentifier, ...]") -> None:
         if show is not None:
             show(seconds, spoken)
         ending(seconds, settings.seconds, "listening")

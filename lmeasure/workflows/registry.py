@@ -12,7 +12,7 @@ from lmeasure.text import LANGUAGES, Message, texts
 
 if TYPE_CHECKING:
     from lmeasure.workflows.flow import Result
-    from lmeasure.workflows.settings import Asked
+    from lmeasure.workflows.settings import CommandSettings
 
 JOBS: dict[str, dict[str, str]] = {
     "Try it": {
@@ -109,7 +109,7 @@ class Workflow(NamedTuple):
 
     name: str
     help: str
-    settings: "type[Asked]"
+    settings: "type[CommandSettings]"
     run: "Callable[..., Result]"
 
 

@@ -46,7 +46,7 @@ class Paths(NamedTuple):
     inputs: tuple[Path, ...] = ()
 
 
-class Asked(BaseModel):
+class CommandSettings(BaseModel):
     """Settings of a command. SettingsError, in one line, for an option that is missing, unknown, or out of its range."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -137,7 +137,7 @@ def then(words: str, **values: object) -> str:
     return f"{os.environ.get('LMEASURE_PROGRAM', 'lmeasure')} {filled}" if filled else ""
 
 
-class Writing(Asked):
+class Writing(CommandSettings):
     """Settings of a command that writes files."""
 
     OUT_FILE: ClassVar[str] = ""
@@ -358,7 +358,7 @@ def known_convention(name: str | None) -> str | None:
     return name
 
 
-def refuse(settings: Asked, why: str, *names: str) -> None:
+def refuse(settings: CommandSettings, why: str, *names: str) -> None:
     """Raise SettingsError with the reason for the first of these options that is given."""
     for name in names:
         value = getattr(settings, name)

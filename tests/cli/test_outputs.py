@@ -12,7 +12,7 @@ from desk import LONG, RECORDINGS, SHORT, set_up
 from in_process import code_and_text
 
 from lmeasure.workbench.forms import of_words
-from lmeasure.workflows import COMMANDS, Asked, Writing, load
+from lmeasure.workflows import COMMANDS, CommandSettings, Writing, load
 
 EVERY = SHORT | LONG
 SAME = ("schema", "program", "init", "frames", "dyads", "simulate", "drum", "reconstruct tum")
@@ -63,7 +63,7 @@ def test_every_command_that_writes_takes_force() -> None:
     assert {name for name in COMMANDS if issubclass(load(name).settings, Writing)} == {line.split()[0] for line in EVERY.values()} | {
         "record"
     }
-    assert all(load(name).settings.paths is not Asked.paths for name in COMMANDS if name not in others)
+    assert all(load(name).settings.paths is not CommandSettings.paths for name in COMMANDS if name not in others)
 
 
 @pytest.mark.parametrize("name", EVERY)

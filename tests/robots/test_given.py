@@ -10,7 +10,7 @@ from lmeasure.core import FloatArray, LMeasureError, se3
 from lmeasure.io import columns_of
 from lmeasure.rig import read_rig
 from lmeasure.robots import Settings, given, identify
-from lmeasure.robots.identification.read_measurements import Given, aligned
+from lmeasure.robots.identification.read_measurements import MeasurementFile, aligned
 from lmeasure.robots.robot import shipped
 from lmeasure.sensors import counts_from_poses
 from lmeasure.trajectory import Stated, read_trajectory
@@ -59,7 +59,7 @@ def trajectory(path: Path, time_s: FloatArray, poses: FloatArray, *, oriented: b
     return path
 
 
-def codes(got: Given) -> list[tuple[str, str]]:
+def codes(got: MeasurementFile) -> list[tuple[str, str]]:
     return [(note.code, note.of) for note in got.notes if note.said.code != "orientation.read"]
 
 

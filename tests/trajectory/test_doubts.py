@@ -11,7 +11,7 @@ from lmeasure.recording import Counts, Run
 from lmeasure.rig import Rig
 from lmeasure.sensors import COUNTER_STATE, lengths_from_counts
 from lmeasure.text import message
-from lmeasure.trajectory.faults.continuity import EVERY, Away, Break, Continuity, Doubt, Doubts, Shift, Stood
+from lmeasure.trajectory.faults.continuity import EVERY, Away, Break, Continuity, Doubt, Doubts, Shift, StuckCounter
 from lmeasure.trajectory.faults.rest_evidence import doubts_of, unseen_steps
 from lmeasure.trajectory.faults.rests import Rests
 
@@ -19,7 +19,11 @@ NO_RESTS = Rests(np.empty(0), np.empty(0), np.empty((0, 6)))
 
 
 def found(
-    *breaks: Break, away: tuple[Away, ...] = (), stood: tuple[Stood, ...] = (), clock_s: tuple[float, ...] = (), least_mm: float = 0.3
+    *breaks: Break,
+    away: tuple[Away, ...] = (),
+    stood: tuple[StuckCounter, ...] = (),
+    clock_s: tuple[float, ...] = (),
+    least_mm: float = 0.3,
 ) -> Continuity:
     return Continuity(breaks, away, stood, 1234.0, np.full(6, least_mm), clock_s)
 
@@ -100,7 +104,7 @@ def test_pieces_of_a_run_are_doubted_as_the_whole_is(piece: int) -> None:
 
 def test_moments_away_and_stands() -> None:
     away = Away(0, 1.0, 1.2), Away(0, 4.0, 4.2), Away(5, 3.0, 3.2)
-    doubts = doubts_of(cell(), found(away=away, stood=(Stood(3, 6.0, np.inf),)), NO_RESTS)
+    doubts = doubts_of(cell(), found(away=away, stood=(StuckCounter(3, 6.0, np.inf),)), NO_RESTS)
     assert spans(doubts) == [
         (0, 1.0, np.nextafter(1.2, 0.0)), (5, 3.0, np.nextafter(3.2, 0.0)), (0, 4.0, np.nextafter(4.2, 0.0)), (3, 6.0, np.inf)
     ]  # fmt: skip
@@ -113,7 +117,7 @@ def test_moments_away_and_stands() -> None:
 
 
 def test_what_is_said_behind_a_stand() -> None:
-    stood = (Stood(3, 6.0, 8.0),)
+    stood = (StuckCounter(3, 6.0, 8.0),)
     goes_on = doubts_of(cell(), found(Break(3, 8.0, np.nextafter(8.0, 9.0), np.nan, np.nan), stood=stood), NO_RESTS)
     assert str(goes_on.notes[-1]) == "channel ch4 did not count until 8 s: its origin is lost"
     assert str(goes_on.notes[0]) == "channel ch4 does not count from 6 s, although its point moves far"
@@ -157,10 +161,10 @@ def test_what_proves_nothing() -> None:
     assert doubts_of(cell(), found(at(2, 6.0)), resting((1.0, PLACE), back)).every
     assert len(doubts_of(cell(), found(at(2, 3.0), at(2, 5.0)), resting((1.0, PLACE), back)).every) == 1
     assert doubts_of(cell(), found(at(2, 5.0)), resting((1.0, PLACE), back)).every == ()
-    stood = (Stood(2, 5.5, 6.5),)
+    stood = (StuckCounter(2, 5.5, 6.5),)
     kept = doubts_of(cell(), found(at(2, 3.0), stood=stood), resting((1.0, PLACE), back))
     assert spans(kept) == [(2, 3.0, np.inf), (2, 5.5, 6.5)]
-    assert len(doubts_of(cell(), found(at(2, 3.0), stood=(Stood(2, 5.5, 5.9),)), resting((1.0, PLACE), back)).every) == 1
+    assert len(doubts_of(cell(), found(at(2, 3.0), stood=(StuckCounter(2, 5.5, 5.9),)), resting((1.0, PLACE), back)).every) == 1
     # a place that is known of this channel from while it was in doubt itself
     assert doubts_of(cell(), found(at(2, 3.0)), resting((4.0, PLACE), back)).every
     # as many others as a pose asks for, of which three are enough and two are not

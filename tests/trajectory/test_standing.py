@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cells import FloatArray, cell
 
-from lmeasure.trajectory.faults.continuity import StandingFinder, Stood
+from lmeasure.trajectory.faults.continuity import StandingFinder, StuckCounter
 
 RATE_HZ = 100.0
 FIRST, LAST = 100, 199  # samples at which the first cable stands
@@ -20,7 +20,7 @@ def ways(partner_mm: float = 60.0, others_mm: float = 10.0, moving: int = 4, sam
     return np.arange(samples) / RATE_HZ, mm
 
 
-def stood(time_s: FloatArray, mm: FloatArray, piece: int = 10**6) -> tuple[Stood, ...]:
+def stood(time_s: FloatArray, mm: FloatArray, piece: int = 10**6) -> tuple[StuckCounter, ...]:
     finder = StandingFinder(cell())
     for begin in range(0, len(time_s), piece):
         finder.add(time_s[begin : begin + piece], mm[begin : begin + piece])
@@ -30,9 +30,9 @@ def stood(time_s: FloatArray, mm: FloatArray, piece: int = 10**6) -> tuple[Stood
 @pytest.mark.parametrize("piece", [1, 7, 100, 101, 10**6])
 def test_from_its_first_sample_to_its_last_in_pieces_of_any_size(piece: int) -> None:
     time_s, mm = ways()
-    assert stood(time_s, mm, piece) == (Stood(0, time_s[FIRST], time_s[LAST]),)
+    assert stood(time_s, mm, piece) == (StuckCounter(0, time_s[FIRST], time_s[LAST]),)
     # to the end
-    assert stood(time_s[: LAST + 1], mm[: LAST + 1], piece) == (Stood(0, time_s[FIRST], np.inf),)
+    assert stood(time_s[: LAST + 1], mm[: LAST + 1], piece) == (StuckCounter(0, time_s[FIRST], np.inf),)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_it_may_stand_from_the_first_sample_on(piece: int) -> None:
     """It is told from there, once its point has moved far; what moves little is not, though nothing was seen of before."""
     time_s, mm = ways()
     later = slice(FIRST, None)
-    assert stood(time_s[later], mm[later], piece) == (Stood(0, time_s[FIRST], time_s[LAST]),)
+    assert stood(time_s[later], mm[later], piece) == (StuckCounter(0, time_s[FIRST], time_s[LAST]),)
     time_s, mm = ways(40.0, 10.0)
     assert stood(time_s[later], mm[later], piece) == ()
 
@@ -75,7 +75,7 @@ def test_as_short_as_this_it_does_not_stand_at_the_end_of_a_run_either() -> None
     time_s, mm = ways(800.0, 120.0)
     end = FIRST + 11
     assert stood(time_s[:end], mm[:end]) == ()
-    assert stood(time_s[: end + 20], mm[: end + 20]) == (Stood(0, time_s[FIRST], np.inf),)
+    assert stood(time_s[: end + 20], mm[: end + 20]) == (StuckCounter(0, time_s[FIRST], np.inf),)
 
 
 def test_every_time_it_stands_is_told_and_of_each_channel() -> None:
@@ -83,7 +83,7 @@ def test_every_time_it_stands_is_told_and_of_each_channel() -> None:
     mm[500:600, 0] = mm[500, 0]
     mm[650:, 1] = mm[650, 1]
     mm[:, 0] *= 3.0
-    assert stood(time_s, mm) == (Stood(0, time_s[FIRST], time_s[LAST]), Stood(0, 5.0, 5.99), Stood(1, 6.5, np.inf))
+    assert stood(time_s, mm) == (StuckCounter(0, time_s[FIRST], time_s[LAST]), StuckCounter(0, 5.0, 5.99), StuckCounter(1, 6.5, np.inf))
     assert stood(time_s, mm, 13) == stood(time_s, mm)
 
 

@@ -9,7 +9,7 @@ from cells import START, FloatArray, cell
 from scipy.stats import chi2
 
 from lmeasure.core import Status, se3
-from lmeasure.procedures.intermediate_check.moved_parts import Together
+from lmeasure.procedures.intermediate_check.moved_parts import StopContradictions
 from lmeasure.recording import Run
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import simulate_run
@@ -108,7 +108,7 @@ def test_an_encoder_has_one_zero_and_one_fault_in_all_passes_and_so_has_a_drum()
     redundancy = reconstruction.redundancy
     assert redundancy is not None
     epochs, some = redundancy.epochs(align(run).lengths, None), np.arange(0, 200, 20)
-    together = Together(reconstruction, redundancy, epochs.at(some), poses[some])
+    together = StopContradictions(reconstruction, redundancy, epochs.at(some), poses[some])
     acts = {
         name: np.flatnonzero(errors.any(axis=(0, 2))).tolist()
         for kind, name, *_, errors in together.errors()

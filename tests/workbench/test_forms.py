@@ -13,7 +13,7 @@ from lmeasure.cli.commands import command
 from lmeasure.core import LMeasureError, SettingsError
 from lmeasure.workbench import forms
 from lmeasure.workbench.cards import PAGES, card
-from lmeasure.workbench.project import Found, Project, look_at
+from lmeasure.workbench.project import Project, ProjectFile, look_at
 from lmeasure.workflows import COMMANDS, Option, command_line, load, options_of
 from lmeasure.workflows.options import limits_of
 
@@ -78,7 +78,7 @@ def test_a_form_and_its_command_line_say_the_same(name: str) -> None:
 
 @pytest.mark.parametrize("name", RUN)
 def test_every_command_has_a_form_whose_fields_know_unit_range_and_help(name: str) -> None:
-    shown = card(name, Project(Path(), (Found("rig", "rig.toml"), Found("run", "run"))))
+    shown = card(name, Project(Path(), (ProjectFile("rig", "rig.toml"), ProjectFile("run", "run"))))
     fields = [*shown.first, *(field for _, fields in shown.more for field in fields)]
     settings = load(name).settings
     left_out = forms.HIDDEN | forms.INSTEAD.get(name, set()) | set(forms.ALWAYS.get(name, {}))

@@ -9,7 +9,7 @@ import numpy as np
 from lmeasure.acquisition.bus.frames import Frames, no_frames
 from lmeasure.acquisition.bus.network import NetworkWatch, Word
 from lmeasure.acquisition.counters.clock import SURE, Clock, earliest
-from lmeasure.acquisition.counters.counters import CounterState, Said, StartLine, Unit
+from lmeasure.acquisition.counters.counters import CounterState, DeviceReport, StartLine, Unit
 from lmeasure.acquisition.counters.decoders import CounterField, decode
 from lmeasure.acquisition.counters.events import Event, EventLog
 from lmeasure.acquisition.counters.origins import longest_interval
@@ -178,7 +178,7 @@ class FreeAssembler:
                 ahead = self._old[0][0][self._old[0][0] > self._given_to] if i else times
                 at_row, first = int(np.searchsorted(ahead, word_s)), int(samples[np.searchsorted(times, word_s)])
                 shown = float(ahead[at_row]) if at_row < len(ahead) else word_s
-                counter.words.append(Said(self.given + at_row, shown, word.text, word.origin, first))
+                counter.words.append(DeviceReport(self.given + at_row, shown, word.text, word.origin, first))
         self._ends[i] = [(word_s, word) for word_s, word in self._ends[i] if not len(times) or word_s > times[-1]]
         longest = longest_interval(period, live=False)
         counts = counter.advance(values, times, samples, self.events, least_s=period, passed_s=passed, longest_s=longest)

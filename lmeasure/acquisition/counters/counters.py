@@ -27,7 +27,7 @@ MOVED = 4
 
 
 @dataclass(frozen=True)
-class Said:
+class DeviceReport:
     """Report of the device or its master before sample `sample`, at time_s, and its effect on the origin (`network.Word`)."""
 
     sample: int
@@ -93,9 +93,9 @@ class CounterState:
     first: int = 0
     moved_at: int | None = None
     """Sample from which on the channel had moved."""
-    early: Said | None = None
+    early: DeviceReport | None = None
     """A restart before its first count: no loss where nothing had moved yet."""
-    words: list[Said] = dataclasses.field(default_factory=list)
+    words: list[DeviceReport] = dataclasses.field(default_factory=list)
     doubt: Doubt | None = None
     line: Line = dataclasses.field(init=False)
 
@@ -200,7 +200,7 @@ class CounterState:
         """Rows of (n,) samples behind words that leave the origin in doubt, the row from which on a word ends it, and whether one does."""
         n, ends, ended = len(samples), len(samples), False
         doubtful: list[int] = []
-        later: list[Said] = []
+        later: list[DeviceReport] = []
         for word in self.words:
             row = int(np.searchsorted(samples, word.first))
             counted = self.seen or row > 0

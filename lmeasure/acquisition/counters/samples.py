@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lmeasure.acquisition.bus.frames import Frames
 from lmeasure.acquisition.bus.network import ANSWERS, MOST, NetworkWatch, Transmission, Word, ordinal
 from lmeasure.acquisition.counters.clock import LATE, SURE, Clock, Repair, earliest
-from lmeasure.acquisition.counters.counters import CounterState, Said, StartLine
+from lmeasure.acquisition.counters.counters import CounterState, DeviceReport, StartLine
 from lmeasure.acquisition.counters.decoders import CounterField, Readings, decode
 from lmeasure.acquisition.counters.events import Event, EventLog
 from lmeasure.acquisition.counters.origins import Evidence, longest_interval
@@ -91,7 +91,7 @@ def joined(parts: Sequence[Samples]) -> Samples:
 
 
 @dataclass(frozen=True)
-class _Heard:
+class _CounterFrame:
     """State a message, its time, the SYNC before it (-1: none), and which of its channels had already answered that SYNC."""
 
     word: Word
@@ -179,7 +179,7 @@ class SyncAssembler:
         self.fields, self.counters, self.events = fields, counters, events
         self._sync_id, self._start_line = sync_id, start_line
         self._watch = NetworkWatch(fields, sync_id)
-        self._words: list[_Heard] = []
+        self._words: list[_CounterFrame] = []
         self._void: IntArray = np.empty((0, 3), np.int64)
         self._clock = Clock(fields, sync_id)
         self.transmission = Transmission(len(fields))
@@ -264,7 +264,7 @@ class SyncAssembler:
             answered = {c for c in word.of if (self._field[self._window == window + held] == c).any()}
             before = readings.field[(readings.window - 1 == window) & (readings.frame < word.row)]
             answered |= {c for c in word.of if (before == c).any()}
-            self._words.append(_Heard(word, float(frames.time_s[word.row]), window + held, frozenset(answered)))
+            self._words.append(_CounterFrame(word, float(frames.time_s[word.row]), window + held, frozenset(answered)))
         windows = np.searchsorted(readings.sync, readings.void[:, 0]) - 1 + held
         self._void = np.vstack([self._void, np.column_stack([windows, readings.void[:, 1:]])[windows >= 0]]).astype(np.int64)
         note_values(self.events, self.fields, readings)
@@ -282,7 +282,7 @@ class SyncAssembler:
                 self.events.add(Event(self._number(row), time_s, channel, word.kind, word.text))
             for c in word.of if word.origin else ():
                 first = self._number(max(heard.window + (c in heard.answered), 0))
-                self.counters[c].words.append(Said(self._number(row), time_s, word.text, word.origin, first))
+                self.counters[c].words.append(DeviceReport(self._number(row), time_s, word.text, word.origin, first))
         self._words = later
 
     def _kept(self, end: int) -> BoolArray:

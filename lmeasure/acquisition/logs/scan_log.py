@@ -81,7 +81,7 @@ class Field:
 
 
 @dataclass(frozen=True)
-class Carried:
+class ScannedIdentifier:
     """An identifier on a bus: how many frames, how many a second, their lengths, the counter-like numbers in them, and in words how their
     other bytes move."""
 
@@ -121,9 +121,9 @@ class Scan(Shown):
     dialect: str
     begins_s: float
     lasts_s: float
-    carried: tuple[Carried, ...]
+    carried: tuple[ScannedIdentifier, ...]
     notes: tuple[str, ...]
-    sync: Carried | None = None
+    sync: ScannedIdentifier | None = None
     """The frame that the counters answer, each after a delay of its own; it has no data, or one byte that counts (CiA 301)."""
 
     def about(self) -> dict[str, str]:
@@ -190,7 +190,7 @@ class Scan(Shown):
 
 def scan_log(path: Path, progress: Callable[[int, int], None] | None = None) -> Scan:
     """Look at all frames of a log; FileFormatError where it has none, or is no log."""
-    report, heard = LogReport(), Heard()
+    report, heard = LogReport(), ScannedFrames()
     for batch in log_batches(path, report, progress):
         heard.add(batch)
     if not heard.found:
@@ -198,11 +198,11 @@ def scan_log(path: Path, progress: Callable[[int, int], None] | None = None) -> 
     return heard.scan(path, report.dialect, tuple(report.notes()))
 
 
-class Heard:
+class ScannedFrames:
     """Frames, by their identifiers, as they come."""
 
     def __init__(self) -> None:
-        self.found: dict[tuple[str, int, bool], Seen] = {}
+        self.found: dict[tuple[str, int, bool], IdentifierFrames] = {}
         self._frames = 0
 
     def add(self, batch: Frames) -> None:
@@ -220,7 +220,7 @@ class Heard:
 
 
 @dataclass
-class Seen:
+class IdentifierFrames:
     """Frames of one identifier so far."""
 
     first_s: float
@@ -239,13 +239,13 @@ class Seen:
         return (self.count - 1) / (self.last_s - self.first_s) if self.last_s > self.first_s else 0.0
 
 
-def _take(batch: Frames, found: dict[tuple[str, int, bool], Seen], before: int) -> None:
+def _take(batch: Frames, found: dict[tuple[str, int, bool], IdentifierFrames], before: int) -> None:
     good = (batch.flags & (ERROR | REMOTE)) == 0
     key = batch.identifier.astype(np.int64) * 2 + ((batch.flags & EXTENDED) != 0) + (batch.channel.astype(np.int64) << 32)
     for one in np.unique(key[good]):
         rows = np.flatnonzero(good & (key == one))
         place = batch.buses[int(one >> 32)], int(one & 0xFFFFFFFF) >> 1, bool(one & 1)
-        seen = found.setdefault(place, Seen(float(batch.time_s[rows[0]])))
+        seen = found.setdefault(place, IdentifierFrames(float(batch.time_s[rows[0]])))
         seen.last_s, seen.count = float(batch.time_s[rows[-1]]), seen.count + len(rows)
         seen.newest = batch.data[rows[-1], : batch.length[rows[-1]]].tobytes()
         seen.lengths |= frozenset(np.unique(batch.length[rows]).tolist())
@@ -254,7 +254,9 @@ def _take(batch: Frames, found: dict[tuple[str, int, bool], Seen], before: int) 
             seen.at = (*seen.at, (rows + before, batch.time_s[rows]))
 
 
-def _synchronised(carried: tuple[Carried, ...], seen: list[Seen]) -> tuple[tuple[Carried, ...], Carried | None]:
+def _synchronised(
+    carried: tuple[ScannedIdentifier, ...], seen: list[IdentifierFrames]
+) -> tuple[tuple[ScannedIdentifier, ...], ScannedIdentifier | None]:
     """Return the carried objects, each counter with the SYNCs that it answers, and the SYNC: that which most counters answer, 80h before
     others."""
     best: tuple[tuple[int, bool, int], int, dict[int, int]] | None = None
@@ -275,7 +277,7 @@ def _synchronised(carried: tuple[Carried, ...], seen: list[Seen]) -> tuple[tuple
     return tuple(reported), reported[at]
 
 
-def _may_be_sync(one: Carried, seen: Seen) -> bool:
+def _may_be_sync(one: ScannedIdentifier, seen: IdentifierFrames) -> bool:
     """Return whether frames have no data, or one byte that counts up and starts again at 0 or 1."""
     if one.frames < LEAST or one.lengths not in {(0,), (1,)}:
         return False
@@ -287,7 +289,7 @@ def _may_be_sync(one: Carried, seen: Seen) -> bool:
     return bool(np.mean(counts | again) >= 1.0 - FEW and counts.any())
 
 
-def _answers(sync: Seen, seen: Seen) -> int | None:
+def _answers(sync: IdentifierFrames, seen: IdentifierFrames) -> int | None:
     """n where frames follow every n-th SYNC, one at a time and after the same delay but for a part of the SYNC's period."""
     place, time_s = (np.concatenate(parts) for parts in zip(*sync.at, strict=True))
     own, own_s = (np.concatenate(parts) for parts in zip(*seen.at, strict=True))
@@ -303,7 +305,7 @@ def _answers(sync: Seen, seen: Seen) -> int | None:
     return n if regular and high - low <= SPREAD * np.median(np.diff(time_s)) else None
 
 
-def _carried(key: tuple[str, int, bool], seen: Seen) -> Carried:
+def _carried(key: tuple[str, int, bool], seen: IdentifierFrames) -> ScannedIdentifier:
     bus, identifier, extended = key
     size = min(seen.lengths)
     data = np.vstack([part[:, :size] for part in seen.data])
@@ -316,7 +318,9 @@ def _carried(key: tuple[str, int, bool], seen: Seen) -> Carried:
     counters = tuple(c for c in counters if c not in speeds and c not in cyclic)
     named = [message("scan.frame_counter", span=c.span) for c in cyclic]
     others = (*named, *(message("scan.speed", span=one.span, of=of.span) for one, of in speeds.items()), *others)
-    carried = Carried(identifier, extended, bus, seen.count, seen.rate_hz, tuple(sorted(seen.lengths)), counters, others, time_s=time_s)
+    carried = ScannedIdentifier(
+        identifier, extended, bus, seen.count, seen.rate_hz, tuple(sorted(seen.lengths)), counters, others, time_s=time_s
+    )
     selector = _selector(data, counters)
     if selector is None:
         return carried
@@ -409,7 +413,7 @@ Key = tuple[str, int, bool]
 
 
 @dataclass(frozen=True)
-class Spoken:
+class LiveIdentifier:
     """An identifier by now: how often it came, frames a second, its last bytes, and which of them have moved just now."""
 
     name: str
@@ -426,7 +430,7 @@ class _Lights:
         self._before: dict[Key, bytes] = {}
         self._moved_at: dict[Key, list[float]] = {}
 
-    def of(self, key: Key, seen: Seen, now: float) -> Spoken:
+    def of(self, key: Key, seen: IdentifierFrames, now: float) -> LiveIdentifier:
         """The identifier by now."""
         data, before = seen.newest, self._before.get(key, seen.newest)
         at = self._moved_at.setdefault(key, [])
@@ -436,21 +440,21 @@ class _Lights:
                 at[i] = now
         self._before[key] = data
         name = f"{key[1]:08X}x" if key[2] else f"{key[1]:03X}"
-        return Spoken(name, seen.count, seen.rate_hz, data, tuple(now - at[i] < LIT_S for i in range(len(data))))
+        return LiveIdentifier(name, seen.count, seen.rate_hz, data, tuple(now - at[i] < LIT_S for i in range(len(data))))
 
 
 def listen(
     source: Source,
     seconds: float,
     *,
-    show: Callable[[float, tuple[Spoken, ...]], None] | None = None,
+    show: Callable[[float, tuple[LiveIdentifier, ...]], None] | None = None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Scan:
     """Listen for so many seconds, or until `stop` is true, without sending. show gets the seconds and the senders so far.
 
     AcquisitionError if no frame comes, or frames cannot be read.
     """
-    heard, lights, errors = Heard(), _Lights(), 0
+    heard, lights, errors = ScannedFrames(), _Lights(), 0
     begin = time.monotonic()
     while (now := time.monotonic() - begin) < seconds and not stop():
         frames = source.receive(LOOK_S)

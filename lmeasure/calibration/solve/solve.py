@@ -204,7 +204,7 @@ class Calibration(Shown):
 
 
 @dataclass(frozen=True)
-class _Begun:
+class _SolverStart:
     """Start of the least squares of everything: the problem and its first fit, slips in the files, single points' solutions, and the boxes
     of expected results."""
 
@@ -339,7 +339,7 @@ def _widened(where: Regions, spread: FloatArray) -> Regions:
     return replace(where, covariance=covariance, U95=where.U95 * wider)
 
 
-def _begun(campaign: Campaign, settings: CalibrationSettings, progress: Progress | None, steps: int) -> _Begun:
+def _begun(campaign: Campaign, settings: CalibrationSettings, progress: Progress | None, steps: int) -> _SolverStart:
     """Each point alone first, at the reference poses: coarse solutions, LP-search, descent. Again where the files were corrected."""
     begun = _from_points(campaign, settings, progress, steps)
 
@@ -368,7 +368,7 @@ def _begun(campaign: Campaign, settings: CalibrationSettings, progress: Progress
     return replace(begun, diagnosis=found)
 
 
-def _from_points(campaign: Campaign, settings: CalibrationSettings, progress: Progress | None, steps: int) -> _Begun:
+def _from_points(campaign: Campaign, settings: CalibrationSettings, progress: Progress | None, steps: int) -> _SolverStart:
     """The fit of a campaign as it is, from the solutions of its single points."""
     model = model_of(campaign, unknowns_of(campaign, settings.groups))
     points: list[Point] = []
@@ -379,7 +379,7 @@ def _from_points(campaign: Campaign, settings: CalibrationSettings, progress: Pr
     if progress:
         progress(len(points), steps)
     start = model.zeros_begun(_started(model, model.start, points))
-    return _Begun(model, fit(model, start, settings.prior), Diagnosis(campaign), points, {p.name: p.boxes for p in points})
+    return _SolverStart(model, fit(model, start, settings.prior), Diagnosis(campaign), points, {p.name: p.boxes for p in points})
 
 
 def _started(model: Model, start: FloatArray, points: list[Point]) -> FloatArray:
@@ -388,7 +388,7 @@ def _started(model: Model, start: FloatArray, points: list[Point]) -> FloatArray
     return np.array([known.get(name, value) for name, value in zip(model.names, start, strict=True)])
 
 
-def _begun_jointly(campaign: Campaign, settings: CalibrationSettings, free: tuple[int, ...]) -> _Begun:
+def _begun_jointly(campaign: Campaign, settings: CalibrationSettings, free: tuple[int, ...]) -> _SolverStart:
     """All points at once from the nominal rig: no point can be solved alone where poses are unknown."""
 
     def solved(campaign: Campaign) -> tuple[Model, Fit]:
@@ -410,7 +410,7 @@ def _begun_jointly(campaign: Campaign, settings: CalibrationSettings, free: tupl
     names = dict.fromkeys(c.from_point for c in campaign.drums)
     # nearest to the reference poses the whole may lie anywhere
     searched = {} if model.frame == "poses" else {name: [box_of(model.campaign, name, settings)] for name in names}
-    return _Begun(model, first, found, [], searched)
+    return _SolverStart(model, first, found, [], searched)
 
 
 def _held_out(whole: Campaign, model: Model, found: Fit, poses: tuple[str, ...], seed: int) -> list[HeldOut]:

@@ -74,7 +74,7 @@ def agreement(reconstruction: Reconstruction, stops: Stops, alarm: float) -> Ver
     n, m = readings.shape
     counts, variance = np.nan_to_num(stops.counts), np.broadcast_to(budget.variance, (n, m))
     epochs = Epochs(stops.begin_s, readings, np.nan_to_num(readings), counts, np.zeros((n, m)), variance, None, stops.travel)
-    parities = Together(reconstruction, redundancy, epochs, stops.poses)
+    parities = StopContradictions(reconstruction, redundancy, epochs, stops.poses)
     total, freedom = float(parities.y @ parities.y), parities.freedom
     probability = float(scipy.stats.chi2.sf(total, freedom))
     causes = sorted(parities.causes(alarm), key=lambda c: c.rest)
@@ -82,7 +82,7 @@ def agreement(reconstruction: Reconstruction, stops: Stops, alarm: float) -> Ver
     return Verdict(total, freedom, probability, tuple(causes), named)
 
 
-class Together:
+class StopContradictions:
     """Samples of a run at poses (n, 7) near the true ones, all their contradictions together: y (f,) whitened, and how causes change them.
     more (n, m, q): further errors of the readings that they share, by variables of unit variance at most."""
 
@@ -239,7 +239,7 @@ def _named(reconstruction: Reconstruction, epochs: Epochs, poses: FloatArray) ->
     if not budget.calibrated:
         nominal = Model(campaign, unknowns_of(campaign, ("position", "guide")))
         anywhere = _readings(nominal, nominal.jacobian(nominal.start)[:, : nominal.own] * nominal.parameters.width)
-    together = Together(reconstruction, redundancy, epochs, poses, more=anywhere)
+    together = StopContradictions(reconstruction, redundancy, epochs, poses, more=anywhere)
     left = together.remainder()
     model = Model(campaign, Parameters((), np.zeros(0), np.zeros(0)))
     travel = np.vstack([np.zeros((1, len(budget.rig.observed))), np.zeros_like(epochs.counts) if epochs.travel is None else epochs.travel])

@@ -407,14 +407,14 @@ def independent(factors: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Given:
+class MeasurementFile:
     """Measurements and remarks on their origin."""
 
     rows: Measurements
     notes: tuple[Noted, ...] = ()
 
 
-def given(path: Path, joints: Path | None, robot: RobotModel, stated: Stated) -> Given:
+def given(path: Path, joints: Path | None, robot: RobotModel, stated: Stated) -> MeasurementFile:
     """Read measurements, with columns and uncertainties in `stated`; joints: file of the joint values, None: beside the positions.
 
     A run's rests have the errors of its counts by themselves and those of its calibration, start and zeroing in common. RobotError or
@@ -428,16 +428,16 @@ def given(path: Path, joints: Path | None, robot: RobotModel, stated: Stated) ->
         if not tabular:
             kind = "run folder" if path.is_dir() else "trajectory"
             raise RobotError(message("error.is_a_joints_file", where=path, kind=kind))
-        return Given(_with(read_measurements(path, robot, columns), stated))
+        return MeasurementFile(_with(read_measurements(path, robot, columns), stated))
     commanded = read_commanded(joints, robot, columns)
     if tabular and ForeignTable(path, columns, part=True).find("time", "s") is None:
         rows, notes = with_joints(read_measurements(path, robot, columns, points_alone=True), commanded)
-        return Given(_with(rows, stated), tuple(notes))
+        return MeasurementFile(_with(rows, stated), tuple(notes))
     trajectory, model, said = _trajectory(path, columns)
     found = rests_of(trajectory, model)
     rows, notes = matched(found, commanded, robot)
     determined = noted("rests", "rested", rests=len(found), used=len(rows))
-    return Given(_with(rows, stated), (determined, *said, *notes))
+    return MeasurementFile(_with(rows, stated), (determined, *said, *notes))
 
 
 def _trajectory(path: Path, columns: Mapping[str, Column]) -> tuple[Trajectory, ErrorModel | None, list[Noted]]:

@@ -114,7 +114,7 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Held:
+class PlatformLegs:
     """Lower ends (6, 3) and lengths (6,) [mm] that hold a platform; limits (6, 2) of the lengths where they are driven."""
 
     ends: FloatArray
@@ -180,7 +180,7 @@ class Parallel:
         counts = [len(leg.equations(q[None])) for leg, q in zip(self.legs, at, strict=True)]
         return np.repeat(np.arange(len(self.legs)), counts)
 
-    def held_by_lengths(self) -> "Held | None":
+    def held_by_lengths(self) -> "PlatformLegs | None":
         """Its six lengths with the drives standing as at home; None where an equation is of another kind."""
         equations = [e for leg, q in zip(self.legs, np.split(self.home_joints, self._cuts), strict=True) for e in leg.equations(q[None])]
         if any(e.normal is not None for e in equations):
@@ -189,7 +189,7 @@ class Parallel:
         limits = None
         if all(leg.kind == "strut" for leg in self.legs):
             limits = np.sort([[np.real(leg.equations(v[None])[0].length[0]) for v in (leg.low, leg.high)] for leg in self.legs], axis=1)
-        return Held(ends, lengths, limits)
+        return PlatformLegs(ends, lengths, limits)
 
     def moved(self, change: FloatArray) -> Self:
         cuts = np.cumsum([len(leg.parameters) for leg in self.legs])[:-1]

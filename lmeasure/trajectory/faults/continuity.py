@@ -246,7 +246,7 @@ MOVING = 3  # Cables that move at least so much, when the tool does
 
 
 @dataclass(frozen=True)
-class Stood:
+class StuckCounter:
     """Channel of a cable (index) that stayed on one count from after_s until until_s [s], or to the end."""
 
     cable: int
@@ -267,7 +267,7 @@ class StandingFinder:
         self._last, self._last_s, self._since = np.full(m, np.nan), np.full(m, np.nan), np.full(m, np.nan)
         self._low, self._high = np.full((m, m), np.inf), np.full((m, m), -np.inf)
         self._told, self._way = np.zeros(m, np.bool_), np.zeros(m)
-        self._found: list[Stood] = []
+        self._found: list[StuckCounter] = []
 
     def add(self, time_s: FloatArray, mm: FloatArray) -> None:
         """The next samples: times (n,) and lengths (n, m) by the counts alone."""
@@ -319,9 +319,9 @@ class StandingFinder:
         long = time_s[-1] - since >= STANDS_S
         if long and far[self._together[j]].max() > STANDS_MM and (far > MOVES_MM).sum() >= MOVING:
             self._told[j] = True
-            self._found.append(Stood(j, since, np.inf))
+            self._found.append(StuckCounter(j, since, np.inf))
 
-    def found(self) -> tuple[Stood, ...]:
+    def found(self) -> tuple[StuckCounter, ...]:
         """All of them."""
         return tuple(sorted(self._found, key=lambda stood: stood.after_s))
 
@@ -360,7 +360,7 @@ class Continuity:
 
     breaks: tuple[Break, ...]
     away: tuple[Away, ...]
-    stood: tuple[Stood, ...]
+    stood: tuple[StuckCounter, ...]
     acceleration_mm_s2: float
     least_mm: FloatArray
     clock_s: tuple[float, ...] = ()

@@ -20,7 +20,7 @@ from lmeasure.recording import Recorded
 from lmeasure.rig import Rig
 from lmeasure.sensors import Lengths
 from lmeasure.text import Message, message
-from lmeasure.trajectory.faults.continuity import NONE, Away, Break, Continuity, ContinuityFinder, Doubt, Doubts, Stood
+from lmeasure.trajectory.faults.continuity import NONE, Away, Break, Continuity, ContinuityFinder, Doubt, Doubts, StuckCounter
 from lmeasure.trajectory.faults.redundancy import ALONE, CLOSED_COUNTS, CLOSED_MM, CLOSED_SCATTERS
 from lmeasure.trajectory.faults.rests import LEAST_CABLES, NEAR_MM, RestFinder, Rests, ReversalFinder, Reversals
 
@@ -135,7 +135,7 @@ class _Places:
         """One that was proved wrong."""
         self._doubts[doubt.mask(self._begin_s), doubt.cable] -= 1
 
-    def proof(self, doubt: Doubt, count_mm: FloatArray, standing: list[Stood]) -> float | None:
+    def proof(self, doubt: Doubt, count_mm: FloatArray, standing: list[StuckCounter]) -> float | None:
         """The beginning [s] of the first rest at which a cable in doubt is back where it was at a place known from before, or None."""
         tried, j = doubt.mask(self._begin_s), doubt.cable
         for stood in standing:

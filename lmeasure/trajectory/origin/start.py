@@ -45,7 +45,7 @@ ANYWHERE_MM = 1e6  # Standard uncertainty of a start that is not stated: least s
 
 
 @dataclass(frozen=True)
-class Begun:
+class StartCandidate:
     """A pose (7,) at which a run may have begun, chi-squared of the run's readings and their degrees of freedom, the largest standard
     uncertainty [mm] of a direction of the start, turns as ways about the tool's size, and (k,) the zeros in standard uncertainties."""
 
@@ -123,12 +123,12 @@ class Motion:
         return np.concatenate([moved.reshape(n * len(self.u), 6 + k), np.eye(k, 6 + k, 6)])
 
 
-def starts(motion: Motion, near: FloatArray, zeros: FloatArray) -> list[Begun]:
+def starts(motion: Motion, near: FloatArray, zeros: FloatArray) -> list[StartCandidate]:
     """Poses at the first of some samples of a run that fit all of them, best first, sought from poses near (k, 7) and
     zeros (k, q) that may be near."""
     size = kernels.platform_size(motion.rows)
     chi = [float((motion.residuals(pose, z)[0] ** 2).sum()) for pose, z in zip(near, zeros, strict=True)]
-    found: list[Begun] = []
+    found: list[StartCandidate] = []
     met: list[int] = []
     for k in np.argsort(chi, kind="stable")[:TRIED]:
         begun = nearest(motion, near[k], zeros[k])
@@ -171,7 +171,7 @@ def fitting(rows: FloatArray, readings: FloatArray, zeros: FloatArray, seed: int
     return np.ascontiguousarray(poses[fit]), drawn[fit]
 
 
-def nearest(motion: Motion, pose: FloatArray, z: FloatArray, u_start: FloatArray | None = None) -> Begun | None:
+def nearest(motion: Motion, pose: FloatArray, z: FloatArray, u_start: FloatArray | None = None) -> StartCandidate | None:
     """The start that is found from a pose and zeros z (k,); the pose is known to u_start (6,) [rad; mm], nothing where it is exact, or not
     at all. None where the run cannot be followed from it."""
     size = kernels.platform_size(motion.rows)
@@ -206,7 +206,7 @@ def nearest(motion: Motion, pose: FloatArray, z: FloatArray, u_start: FloatArray
     of_start = int(free[:6].sum())
     _, s, V = np.linalg.svd(found.jac, full_matrices=False)
     u_mm = float(np.linalg.norm(V[:, :of_start] / np.maximum(s, 1e-12)[:, None], 2)) if of_start else 0.0
-    return Begun(moved(found.x), 2.0 * float(found.cost), motion.freedom, u_mm, whole(found.x)[6:])
+    return StartCandidate(moved(found.x), 2.0 * float(found.cost), motion.freedom, u_mm, whole(found.x)[6:])
 
 
 def _apart(a: FloatArray, b: FloatArray, size: float) -> float:
@@ -382,16 +382,16 @@ def zeros_by_motion(motion: Motion, start: FloatArray, u_start: FloatArray) -> F
     return None
 
 
-def _over_motion(motion: Motion, time_s: float, source: str) -> list[Begun]:
+def _over_motion(motion: Motion, time_s: float, source: str) -> list[StartCandidate]:
     """Return possible poses at the first sample of a motion, which is at a time, by all of its readings."""
     changes, usable = motion.changes, motion.absolute
     used = usable & np.isfinite(changes[0])
     anywhere, zeros = fitting(motion.rows[used], changes[0, used], motion.zeros[used])
 
-    def of(share: float, near: FloatArray, z: FloatArray) -> list[Begun]:
+    def of(share: float, near: FloatArray, z: FloatArray) -> list[StartCandidate]:
         return starts(motion.at(evenly(len(changes), share)), near, z)
 
-    every: list[Begun] = []
+    every: list[StartCandidate] = []
     longest = 0.0
     for k, share in enumerate(BEGINNINGS):
         found = of(share, anywhere, zeros)
