@@ -35,7 +35,8 @@ from .motion.motion import FULL as FULL, WIDEST_S as WIDEST_S, Motion as Motion,
 from .motion.spectrum import Vibration as Vibration
 from .motion.vibration import averaged as averaged, with_rest as with_rest
 from .origin.origins import estimate_origins as estimate_origins
-from .reconstruction.live import LivePose as LivePose, PoseWatch as PoseWatch, enough_absolute as enough_absolute
+from .origin.start import enough_absolute as enough_absolute
+from .reconstruction.live import LivePose as LivePose, PoseWatch as PoseWatch
 from .reconstruction.run_model import FREEDOMS as FREEDOMS, RunModel as RunModel
 from .reconstruction.runs import (
     Each as Each,

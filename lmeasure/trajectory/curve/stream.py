@@ -18,7 +18,7 @@ from lmeasure.sensors import COUNTER_STATE, Lengths, lengths_from_counts
 from lmeasure.text import message
 from lmeasure.trajectory.curve.curve import ORDER, Curve, Instants
 from lmeasure.trajectory.curve.fit import BRIDGED_MM, ROUNDS, Control, Fit, Known, curve_of_fit, readings_of
-from lmeasure.trajectory.reconstruction.live import enough_absolute
+from lmeasure.trajectory.origin.start import enough_absolute
 from lmeasure.trajectory.reconstruction.runs import prepare
 from lmeasure.trajectory.reconstruction.screw_method import Place, Reconstruction
 from lmeasure.trajectory.time.passes import align

@@ -240,6 +240,12 @@ def absolute_channels(rig: Rig) -> FloatArray:
     return np.where(usable, u, np.nan)
 
 
+def enough_absolute(rig: Rig) -> bool:
+    """Return whether a rig has enough absolute channels to determine a start, at once or, with redundant channels, over a motion."""
+    absolute = int(np.isfinite(absolute_channels(rig)).sum())
+    return absolute >= len(FREEDOMS) or (absolute > 0 and len(rig.observed) > len(FREEDOMS))
+
+
 def first_sample(rig: Rig, lengths: Lengths, source: str) -> int:
     """The first sample at which enough absolute channels are read, of fewer the first with most channels; TrajectoryError where there is
     none or nothing to spare."""

@@ -23,8 +23,8 @@ from lmeasure.text import message
 from lmeasure.trajectory.faults.consistency import SIGNIFICANCE
 from lmeasure.trajectory.faults.continuity import EVERY, Doubts, shifted
 from lmeasure.trajectory.faults.redundancy import Epochs
-from lmeasure.trajectory.origin.start import absolute_channels
-from lmeasure.trajectory.reconstruction.run_model import FREEDOMS, RunModel
+from lmeasure.trajectory.origin.start import enough_absolute
+from lmeasure.trajectory.reconstruction.run_model import RunModel
 from lmeasure.trajectory.reconstruction.runs import prepare
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction, new_run_state, reconstruction_of, zero_readings
 from lmeasure.trajectory.time.passes import align
@@ -327,12 +327,6 @@ class LivePose:
             return None
         self._adopt(*self._found, upto=self._n)
         return self._sample(*self._way.last) if isinstance(self._way, AnyChannels) else None
-
-
-def enough_absolute(rig: Rig) -> bool:
-    """Return whether a rig has enough absolute channels to determine a start, at once or, with redundant channels, over a motion."""
-    absolute = int(np.isfinite(absolute_channels(rig)).sum())
-    return absolute >= len(FREEDOMS) or (absolute > 0 and len(rig.observed) > len(FREEDOMS))
 
 
 class PoseWatch:
