@@ -9,12 +9,13 @@ import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import PurePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from lmeasure.core import LMeasureError, SettingsError, TextArray
+from lmeasure.core import LMeasureError, SettingsError
 from lmeasure.text.catalogue import Writer, plain, texts
+
+if TYPE_CHECKING:
+    from lmeasure.core import TextArray
 
 JOINED = "joined"
 """Two messages, one behind the other."""
@@ -210,23 +211,23 @@ Cause = str
 """A message, or the text of a file; empty where there is nothing to report."""
 
 
-def and_also(causes: TextArray, more: Message) -> TextArray:
+def and_also(causes: "TextArray", more: Message) -> "TextArray":
     """Return (n,) causes with a further one behind each."""
     return _each(causes, lambda cause: message(JOINED, first=cause, then=more), more)
 
 
-def without(causes: TextArray) -> TextArray:
+def without(causes: "TextArray") -> "TextArray":
     """Return (n,) messages for good samples without the channels named by causes (n,)."""
     return _each(causes, lambda cause: message("cause.without", cause=cause), message("cause.without", cause=""))
 
 
-def of_file(texts: TextArray, stated: Iterable[Mapping[str, Any]]) -> TextArray:
+def of_file(texts: "TextArray", stated: Iterable[Mapping[str, Any]]) -> "TextArray":
     """Return the causes (n,) of the texts of a file: messages where the file keeps their ids (`table`), else its texts."""
     known = {str(one): one for one in map(from_stated, stated) if one is not None}
     return _each(texts, lambda text: known.get(text, text), "")
 
 
-def stated_causes(causes: TextArray) -> TextArray:
+def stated_causes(causes: "TextArray") -> "TextArray":
     """Return ids and values of causes (n,) as JSON, "" where there are none."""
     return _each(causes, lambda cause: json.dumps(cause.stated(), ensure_ascii=False) if isinstance(cause, Message) else "", "")
 
@@ -253,17 +254,19 @@ def within(cause: Cause, code: str) -> Message | None:
     return next((found for value in cause.values.values() if (found := within(value, code)) is not None), None)
 
 
-def common(n: int, cause: Cause) -> TextArray:
+def common(n: int, cause: Cause) -> "TextArray":
     """Return the same cause for n samples, (n,); `np.full` and `np.where` would make a plain text of a single message."""
+    import numpy as np
+
     out = np.empty(n, dtype=np.object_)
     out[:] = cause
     return out
 
 
-def _each(causes: TextArray, made: Callable[[Any], Cause], of_nothing: Cause) -> TextArray:
+def _each(causes: "TextArray", made: Callable[[Any], Cause], of_nothing: Cause) -> "TextArray":
     """Return the result of `made` for each cause, once for those that are the same object, as for many samples."""
     out = common(len(causes), of_nothing)
-    at = np.flatnonzero(causes != "")
+    at = (causes != "").nonzero()[0]
     kept: dict[int, Cause] = {}
     for i, cause in zip(at.tolist(), causes[at].tolist(), strict=True):
         if id(cause) not in kept:

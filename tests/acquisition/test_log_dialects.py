@@ -99,7 +99,7 @@ def test_trc_1_2_and_errors_of_the_adapter(tmp_path: Path) -> None:
     [
         (";$FILEVERSION=3.0\n 1 1.0 DT 1 0300 Rx - 1 05\n", "is TRC of version '3.0'. Readable versions are 1.0 to 1.3, 2.0 and 2.1"),
         (";$FILEVERSION=2.1\n 1 1.0 DT 1 0300 Rx - 1 05\n", "has no line ;$COLUMNS= before its frames"),
-        (";$FILEVERSION=2.1\n;$COLUMNS=N,O,T,B,I,d,R,D\n 1 1.0 DT 1 0300 Rx - 1 05\n", "column L is missing"),
+        (";$FILEVERSION=2.1\n;$COLUMNS=N,O,T,B,I,d,R,D\n 1 1.0 DT 1 0300 Rx - 1 05\n", "Column L is missing"),
     ],
 )
 def test_trc_that_cannot_be_read(tmp_path: Path, text: str, words: str) -> None:

@@ -226,7 +226,7 @@ def test_sizes_are_not_believed(tmp_path: Path) -> None:
         ("log.blf", b"LOGG\x90\0\0\0", "breaks off inside the file header"),
         ("log.blf", b"LOGG" + bytes(140), "its file header states a length of 0 bytes"),
         ("log.blf", b"", "is empty"),
-        ("log.txt", b"some text\n", "it begins with 'some text'. For others, open it in SavvyCAN"),
+        ("log.txt", b"some text\n", "It begins with 'some text'. For others, open it in SavvyCAN"),
         ("log.log", b"***BUSMASTER Ver 3.2.2***\n", "a BUSMASTER log: open it in SavvyCAN and save it as GVRET log (.csv)"),
         ("log.txt", b"1320745424.000 1R11 181 01 02\n", "a CRTD log: open it in SavvyCAN"),
         ("log.pcapng", b"x", "a capture of Wireshark: open it in SavvyCAN"),

@@ -57,7 +57,7 @@ def test_positions_in_another_unit_are_refused_by_name(size: float, unit: str, t
     head, *given = rows()
     lines = [head, *([name, *(repr(float(c) / size) for c in cells[:3]), *cells[3:]] for name, *cells in given)]
     campaign = read_campaign(folder(tmp_path / unit, "\n".join(",".join(line) for line in lines).encode()))
-    with pytest.raises(CalibrationError, match=rf"^poses\.csv: its positions are {unit}, not millimetres"):
+    with pytest.raises(CalibrationError, match=rf"^poses\.csv: its positions are in {unit}, not millimetres"):
         without_slips(campaign, "poses.csv")
     assert without_slips(read_campaign(CELL), "poses.csv").notes == read_campaign(CELL).notes
 

@@ -355,7 +355,7 @@ def test_the_zip_has_the_same_bytes_each_time_and_any_unzip_reads_it(signed: Pat
 
 def test_a_folder_of_somebody_else_is_not_touched(tmp_path: Path, campaign: Path) -> None:
     (tmp_path / "own.txt").write_text("mine")
-    with pytest.raises(ForeignFolderError, match="holds other files"), new_folder(tmp_path):
+    with pytest.raises(ForeignFolderError, match="contains other files"), new_folder(tmp_path):
         pass
     with pytest.raises(ForeignFolderError, match="is not a folder"), new_folder(tmp_path / "own.txt"):
         pass
@@ -372,7 +372,7 @@ def test_a_folder_of_somebody_else_is_not_touched(tmp_path: Path, campaign: Path
     with pytest.raises(ForeignFolderError, match="Use --force to replace the certificate"), new_folder(out):
         pass
     (out / "own.txt").write_text("mine")
-    with pytest.raises(CertificationError, match=r"holds own\.txt"), new_folder(out, force=True):
+    with pytest.raises(CertificationError, match=r"contains own\.txt"), new_folder(out, force=True):
         pass
 
 

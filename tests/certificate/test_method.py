@@ -71,7 +71,7 @@ def test_figures_of_another_method_are_listed_beside_those_of_today() -> None:
     assert len(found.beside) >= 2 + len(others)
     assert found.beside[1].startswith(f"{first['name']} of {first['pose']}: sealed ")
     assert ", today " in found.beside[1]
-    assert "hashes are right; " in refused("verify", folder, code=3)
+    assert "hashes are right. " in refused("verify", folder, code=3)
 
 
 def test_texts_are_compared_where_bytes_are_others(copy: Path) -> None:

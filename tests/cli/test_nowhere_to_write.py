@@ -34,14 +34,14 @@ def test_a_command_with_nowhere_to_write_ends_in_one_line(mode: str, desk: Path)
     lines = LINES if mode == "full" else LINES[::4]  # what a command says of both is one sentence
     words = [sys.executable, str(HERE / "helpers" / "starved.py"), mode, str(desk / "out")]
     done = subprocess.run(words, input="\n".join(lines), capture_output=True, text=True, cwd=desk, check=True)
-    remedies = tuple(message(f"os.remedy.{remedy}") for remedy in files.TO_DO.values())
+    remedies = tuple(message(f"os.remedy.{remedy}").lower() for remedy in files.TO_DO.values())
     for line, text in zip(lines, done.stdout.splitlines(), strict=True):
         code, said, left = json.loads(text)
         if code == "root":
             pytest.skip("root here may not give up its right to write everywhere")
         assert (code, len(said), left) == (1, 1, []), (line, said)
         assert str(desk / "out") in said[0], line
-        assert said[0].endswith(remedies), line
+        assert said[0].lower().endswith(remedies), line
 
 
 def test_a_capture_that_could_not_begin_is_begun_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

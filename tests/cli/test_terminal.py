@@ -190,7 +190,7 @@ def test_a_person_checks_and_captures_on_a_narrow_terminal(tmp_path: Path, bench
         assert shown.close() == 1
         assert shown.modes() == shown.begun
         assert not shown.wide, shown.lines()
-        assert "тажекомандапродолжит" in "".join(shown.text().split())
+        assert "Тажекомандапродолжит" in "".join(shown.text().split())
         # no state is left over behind the lines that stay
         assert not any("> " in line for line in shown.lines())
     assert list(dict.fromkeys(read_table(tmp_path / "campaign" / "counts.csv").text("pose"))) == ["1", "2"]

@@ -22,8 +22,10 @@ sys.path.insert(0, str(ROOT / "docs"))
 import generated_pages as pages  # noqa: E402 - it lies beside the pages
 
 NOT_DRAWN = {"DrumMeasurement", "PoseCovariances", "Campaign", "CalibrationSettings", "CertificationSettings", "LMeasureError"} | {
-    "Curve", "Instants",
-}  # fmt: skip
+    "Curve",
+    "CurveStream",
+    "Instants",
+}
 """Settings, covariances, errors, and curves, which are drawn as trajectories."""
 
 

@@ -132,7 +132,7 @@ def test_a_path_needs_two_strokes(turns: int, strokes: int) -> None:
         (found,) = weaves(crossed(cycle_of(way, sway)), 8.0)
         assert found.strokes == strokes
         return
-    with pytest.raises(CertificationError, match=rf"^path w, cycle 2: has {strokes} strokes across the path. At least 2$"):
+    with pytest.raises(CertificationError, match=rf"^path w, cycle 2: has {strokes} strokes across the path. At least 2 are needed$"):
         weaves(crossed(CYCLES["fine"], cycle_of(way, sway)), 8.0)
 
 

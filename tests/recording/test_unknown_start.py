@@ -100,7 +100,7 @@ def test_a_start_that_is_none_is_refused_in_one_line(start: str, complaint: str,
     write_run(tmp_path / "run", record(cell(), *motion(5)))
     without_start(tmp_path / "run")
     code, text = code_and_text("reconstruct", tmp_path / "run", "--start", start.format(run=tmp_path / "run"), "--out", tmp_path / "t.csv")
-    assert code == (2 if "wanted are" in complaint else 1)
+    assert code == (2 if "Wanted are" in complaint else 1)
     assert complaint in text
     assert code == 2 or "\n" not in text
 

@@ -212,7 +212,7 @@ def test_a_logo_is_a_picture(tmp_path: Path) -> None:
     mark = tmp_path / "mark.svg"
     mark.write_text('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>')
     assert read_logo(details, read_details(details)) == Logo(mark.read_bytes(), "svg")
-    for content, said in ((b"<html/>", "is no picture"), (b"GIF89a", "is no picture"), (b"\x89PNG\r\n\x1a\n" + bytes(2**20), "at most")):
+    for content, said in ((b"<html/>", "is no picture"), (b"GIF89a", "is no picture"), (b"\x89PNG\r\n\x1a\n" + bytes(2**20), "At most")):
         mark.write_bytes(content)
         with pytest.raises(CertificationError, match=said):
             read_logo(details, read_details(details))

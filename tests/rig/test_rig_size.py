@@ -80,7 +80,7 @@ def test_calibrate_says_in_which_unit_a_rig_was_written(unit: str, factor: float
     (tmp_path / "rig.toml").write_text(tomli_w.dumps(in_unit(rig, factor)), encoding="utf-8")
     first, second = refused("calibrate", tmp_path, "--out", tmp_path / "out").splitlines()[-2:]
     assert f"where the nominal rig's dimensions are {unit}, and not millimetres" in first
-    assert f"in {unit}, this would be" in second
+    assert f"In {unit}, this would be" in second
     assert not (tmp_path / "out").exists()
 
 

@@ -22,22 +22,12 @@ def bands(path: Path, entity: str, timeline: str) -> np.ndarray:
     return np.sqrt(scalars(path, entity, timeline, "Measurements:variances"))
 
 
-def test_a_motion_has_speeds_with_their_uncertainties(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_motion_has_speeds_with_their_uncertainties(tmp_path: Path) -> None:
     """A straight line at 100 mm/s in x, whose positions are known to 0.01 mm."""
     time_s = np.arange(400) / 200.0
     table = {"time_s": time_s, "x_mm": 100.0 * time_s, "y_mm": 0.0 * time_s, "z_mm": 50.0 + 0.0 * time_s}
     pd.DataFrame(table).to_csv(tmp_path / "line.csv", index=False)
-    ran(
-        monkeypatch,
-        "motion",
-        tmp_path / "line.csv",
-        "--u-position-mm",
-        0.01,
-        "--out",
-        tmp_path / "m.parquet",
-        "--rerun",
-        tmp_path / "m.rrd",
-    )
+    ran("motion", tmp_path / "line.csv", "--u-position-mm", 0.01, "--out", tmp_path / "m.parquet", "--rerun", tmp_path / "m.rrd")
     written = pd.read_parquet(tmp_path / "m.parquet")
     speed = scalars(tmp_path / "m.rrd", "/velocity/vx_mm_s", component="Measurements:values")
     known = np.isfinite(speed)
