@@ -128,9 +128,11 @@ def _components(model: Model, found: Fit) -> tuple[FloatArray, dict[str, FloatAr
 
 
 def smooth(model: Model) -> bool:
-    """Return whether the errors of the reference poses may be smooth over them."""
-    source = model.campaign.source
-    return not model.pose_unknowns and (source == "robot" or (source == "unknown" and model.campaign.rig.unstated == "typical"))
+    """Return whether the errors of the reference poses may be smooth over them: not those of poses that are stated to be exact."""
+    source, poses = model.campaign.source, model.campaign.poses
+    exact = not poses.absent and not poses.covariances.any()
+    unstated = source == "unknown" and model.campaign.rig.unstated == "typical" and not exact
+    return not model.pose_unknowns and (source == "robot" or unstated)
 
 
 def _columns(model: Model) -> list[Variable]:
