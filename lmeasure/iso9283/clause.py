@@ -53,7 +53,7 @@ class IsoTest:
         return np.empty(0, dtype=np.int64)
 
     def parts(self, errors: SampleErrors) -> dict[Subject, Part]:
-        """Return the parts of which its figures are functions, with errors by one law."""
+        """Return the parts that its figures are computed from, each with the covariance of its errors."""
         return {}
 
     def excludable(self, errors: SampleErrors) -> PoseErrors | None:

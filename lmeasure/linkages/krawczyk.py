@@ -9,7 +9,7 @@ Near folds and far out the map's own rounding, multiplied by Y, fills the box. I
 F(x) is computed in whole numbers (`exact`): the rest of the test has room for the roundings of double precision.
 
 Points and lengths of a file are binary fractions; moved by one and divided by a power of two they are whole multiples of a small one still.
-So is a pose whose Study coordinates are kept to DIGITS binary digits. With h = g + e b - a e, of which each part is linear in the pose (e,
+So is a pose whose Study coordinates are kept to DIGITS binary digits. With h = g + e b - a e, whose parts are linear in the pose (e,
 g), a link's equation is h.h - l^2 e.e = 0 (`kernels.homotopy`), and Python's whole numbers know no overflow.
 """
 

@@ -23,7 +23,7 @@ from lmeasure.workbench.project import OWN
 
 RUNNING, DONE, FAILED, CANCELLED, INTERRUPTED = "running", "done", "failed", "cancelled", "interrupted"
 PASSING = ("progress", "state", "live", "cell", "moved", "capture", "scan")
-"""Events of which only the last is kept, not on disk."""
+"""Kinds of events that are not written to disk: the last of each kind is kept."""
 SCHEDULED = ("batch", "zone")
 """Commands that take a scheduler."""
 PATIENCE_S = 8.0

@@ -20,7 +20,7 @@ LISTED = 500
 ROWS = 50_000
 """Rows of a piece of a table."""
 LARGEST = 2**30
-"""Largest file, or numbers and texts in it [bytes], of which a page shows anything."""
+"""Largest file that a page shows, and largest size of its numbers and texts [bytes]."""
 
 
 @lru_cache(maxsize=2)

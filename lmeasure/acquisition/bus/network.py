@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lmeasure.acquisition.bus.frames import BUS_OFF, CLASSED, CONTROLLER, ERROR, EXTENDED, PASSIVE, REMOTE, Frames
-from lmeasure.acquisition.counters.decoders import CounterField
+from lmeasure.acquisition.counters.decoders import CounterField, Readings
 from lmeasure.core import BoolArray, IntArray
 from lmeasure.rig import Rig
 from lmeasure.text import joined, message
@@ -313,3 +313,12 @@ class Transmission:
         """Return whether all channels answer some of the same SYNCs."""
         slow = [(int(self.n[c]), int(self._recent[c][-1])) for c in np.flatnonzero(self.n > 1) if len(self._recent[c])]
         return all((a - b) % math.gcd(n, k) == 0 for n, a in slow for k, b in slow)
+
+
+def misfits(fields: tuple[CounterField, ...], readings: Readings) -> list[Word]:
+    """Return frames whose data do not fit the field that the rig states."""
+    out = []
+    for j, (field, short, wider) in enumerate(zip(fields, readings.short, readings.wider, strict=True)):
+        out += [Word(row, "short_frame", message("event.short_frame", bytes=field.bytes_needed), (j,)) for row in short.tolist()]
+        out += [Word(row, "wider", message("event.wider", bits=field.bits), (j,)) for row in wider.tolist()]
+    return out

@@ -7,26 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lmeasure.acquisition.bus.frames import Frames, no_frames
-from lmeasure.acquisition.bus.network import NetworkWatch, Word
+from lmeasure.acquisition.bus.network import NetworkWatch, Word, misfits
 from lmeasure.acquisition.counters.clock import SURE, Clock, earliest
-from lmeasure.acquisition.counters.counters import CounterState, DeviceReport, StartLine, Unit
+from lmeasure.acquisition.counters.counters import CounterState, DeviceReport, StartLine, Unit, note_values, started_late
 from lmeasure.acquisition.counters.decoders import CounterField, decode
 from lmeasure.acquisition.counters.events import Event, EventLog
 from lmeasure.acquisition.counters.origins import longest_interval
-from lmeasure.acquisition.counters.samples import (
-    LONGEST_HOLD_S,
-    PERIODS,
-    Assembler,
-    Samples,
-    SyncAssembler,
-    joined,
-    misfits,
-    note_values,
-    pace,
-    paused,
-    started_late,
-    tie,
-)
+from lmeasure.acquisition.counters.samples import LONGEST_HOLD_S, PERIODS, Assembler, Samples, SyncAssembler, joined, pace, paused, tie
 from lmeasure.core import AcquisitionError, BoolArray, FloatArray, IntArray
 from lmeasure.kernels import rests
 from lmeasure.recording import Counts

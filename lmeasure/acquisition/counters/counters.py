@@ -8,7 +8,7 @@ import numpy as np
 
 from lmeasure.acquisition.bus.frames import ERROR, EXTENDED, REMOTE, Frames
 from lmeasure.acquisition.bus.network import LOST
-from lmeasure.acquisition.counters.decoders import NO_RANGE, CounterField
+from lmeasure.acquisition.counters.decoders import NO_RANGE, CounterField, Readings
 from lmeasure.acquisition.counters.events import Event, EventLog
 from lmeasure.acquisition.counters.origins import Doubt, Line, Pause, may_wrap, speed_of
 from lmeasure.core import BoolArray, FloatArray, IntArray
@@ -391,3 +391,24 @@ class StartLine:
         """
         own, states = self.states(frames)
         return np.asarray(states[np.searchsorted(own, rows)])
+
+
+def note_values(events: EventLog, fields: tuple[CounterField, ...], readings: Readings) -> None:
+    """Count values outside of their channel's limits."""
+    for j, field in enumerate(fields):
+        if field.limits is not None or field.reserved is not None:
+            void = [v for v in readings.void[readings.void[:, 1] == j, 2].tolist() if v not in field.names]
+            came = int((readings.field == j).sum()) + len(void)
+            events.note_values(field.channel, came, len(void), field.range_text, reserved=field.limits is None)
+
+
+def started_late(counters: tuple[CounterState, ...], events: EventLog) -> list[int]:
+    """Return channels that restarted before their first count while others had already moved: their origin is unknown."""
+    out = []
+    for c, counter in enumerate(counters):
+        word, counter.early = counter.early, None
+        if word is not None and any(o.moved_at is not None and o.moved_at < word.sample for o in counters if o is not counter):
+            events.add(Event(word.sample, word.time_s, counter.field.channel, "reset", word.text))
+            counter.lost = True
+            out.append(c)
+    return out

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lmeasure.acquisition.bus.frames import Frames
-from lmeasure.acquisition.bus.network import ANSWERS, MOST, NetworkWatch, Transmission, Word, ordinal
+from lmeasure.acquisition.bus.network import ANSWERS, MOST, NetworkWatch, Transmission, Word, misfits, ordinal
 from lmeasure.acquisition.counters.clock import LATE, SURE, Clock, Repair, earliest
-from lmeasure.acquisition.counters.counters import CounterState, DeviceReport, StartLine
+from lmeasure.acquisition.counters.counters import CounterState, DeviceReport, StartLine, note_values, started_late
 from lmeasure.acquisition.counters.decoders import CounterField, Readings, decode
 from lmeasure.acquisition.counters.events import Event, EventLog
 from lmeasure.acquisition.counters.origins import Evidence, longest_interval
@@ -101,36 +101,6 @@ class _CounterFrame:
 
 
 MISFITS = ("short_frame", "wider")
-
-
-def misfits(fields: tuple[CounterField, ...], readings: Readings) -> list[Word]:
-    """Return frames whose data do not fit the field that the rig states."""
-    out = []
-    for j, (field, short, wider) in enumerate(zip(fields, readings.short, readings.wider, strict=True)):
-        out += [Word(row, "short_frame", message("event.short_frame", bytes=field.bytes_needed), (j,)) for row in short.tolist()]
-        out += [Word(row, "wider", message("event.wider", bits=field.bits), (j,)) for row in wider.tolist()]
-    return out
-
-
-def note_values(events: EventLog, fields: tuple[CounterField, ...], readings: Readings) -> None:
-    """Count values outside of their channel's limits."""
-    for j, field in enumerate(fields):
-        if field.limits is not None or field.reserved is not None:
-            void = [v for v in readings.void[readings.void[:, 1] == j, 2].tolist() if v not in field.names]
-            came = int((readings.field == j).sum()) + len(void)
-            events.note_values(field.channel, came, len(void), field.range_text, reserved=field.limits is None)
-
-
-def started_late(counters: tuple[CounterState, ...], events: EventLog) -> list[int]:
-    """Return channels that restarted before their first count while others had already moved: their origin is unknown."""
-    out = []
-    for c, counter in enumerate(counters):
-        word, counter.early = counter.early, None
-        if word is not None and any(o.moved_at is not None and o.moved_at < word.sample for o in counters if o is not counter):
-            events.add(Event(word.sample, word.time_s, counter.field.channel, "reset", word.text))
-            counter.lost = True
-            out.append(c)
-    return out
 
 
 def pace(intervals: FloatArray) -> float:

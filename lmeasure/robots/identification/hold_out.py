@@ -22,7 +22,7 @@ JUDGES = 200
 MOST_ROWS = 500
 """Most validation rows for all draws of one size together."""
 PARTS = (1.0 / 3.0, 0.5, 2.0 / 3.0)
-"""Parts of the rows, each of which predicts the rest."""
+"""Fractions of the rows that predict the others."""
 MEASURED = 0.95
 """Quantile of the measured poses' leverages, from which on a pose is far from them."""
 FALSE = 1e-4

@@ -29,7 +29,7 @@ from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.text import Message, message
 
 LAG = 50  # Samples over which a first period is taken
-BESIDE = 7  # Steps of the tool that one is held against
+BESIDE = 7  # Steps of the tool that one is compared with
 CLEAR = 10.0  # Standard uncertainties of a place that a step must have to tell by how many periods it went
 LEVEL, AT_REST = 25, 40
 """Samples on either side of a hole by which the stamps confirm a hole in the motion, and find one while the tool rests."""

@@ -231,7 +231,7 @@ def second_order_variables(k: int) -> int:
 
 def beyond_first(rows: FloatArray, poses: FloatArray, *, G: FloatArray, F: FloatArray, angles: BoolArray) -> FloatArray:
     """Return (n, 6, second_order_variables(k)) errors of (n, 7) poses beyond those of first order F (n, 6, k) [rad; mm], base axes, by k
-    normal variables. rows (m, columns) of the channels, of which angles (m,) are on the circle; G (n, 6, m): motions of the poses per unit
+    normal variables. rows (m, columns) of the channels; angles (m,): which are angles; G (n, 6, m): motions of the poses per unit
     of each reading. NaN without a pose."""
     k = F.shape[2]
     out = np.full((len(poses), 6, second_order_variables(k)), np.nan)
