@@ -71,6 +71,14 @@ def test_four_poses_are_underdetermined_and_say_so(four: Calibration) -> None:
     np.testing.assert_allclose(rows @ rows.T, np.eye(6), atol=1e-6)
 
 
+def test_poses_that_are_stated_to_be_exact_have_no_smooth_errors(published: Calibration) -> None:
+    """Four exact poses were said to have the smooth errors of a robot."""
+    campaign = published.campaign
+    exact = calibrate(replace(campaign, poses=campaign.poses.with_uncertainty(0.0, 0.0)))
+    assert "smooth" in "".join(w.text for w in published.record.warnings)
+    assert "smooth" not in "".join(w.text for w in exact.record.warnings)
+
+
 def test_silent_directions_do_not_change_a_count(four: Calibration) -> None:
     model = Model(four.campaign, unknowns_of(four.campaign, ("position", "guide")))
     theta = np.array([p.value for p in four.record.parameters])
