@@ -86,8 +86,7 @@ def summary(zone: "xr.Dataset") -> str:
     where = ", ".join(f"{name} {settled(float(zone[name][i])):g}" for name, i in zip("xyz", best, strict=True))
     turns = zone.sizes["orientation"]
     nodes = {"inside": int(inside.sum()), "of": inside.size, "turns": turns, "limit": float(zone.attrs["limit_deg"])}
-    code = "zone_line.nodes" if turns > 1 else "zone_line.nodes_one"
-    lines = [message(code, **nodes, volume=float(zone.attrs["zone_volume_mm3"]) / 1e9)]
+    lines = [message("zone_line.nodes", **nodes, volume=float(zone.attrs["zone_volume_mm3"]) / 1e9)]
     lines += [message("zone_line.refined", volume=refined[0], change=refined[1])] if refined else []
     lines.append(message("accuracy.smallest_worst_pressure_angle", angle=float(angle.values[best]), where=where))
     if inside.any():

@@ -468,8 +468,7 @@ def report_lines(found: Verification, *, asked: bool) -> list[str]:
     computed = message("verification.computed", n=found.figures, digit=digit) if found.figures else ""
     if found.differences or found.authorised == "":
         number = len(found.differences) + (found.authorised == "")
-        code = "verification.differences" if number > 1 else "verification.difference"
-        out.append(message(code, certificate=found.certificate or "certificate", n=number))
+        out.append(message("verification.differences", certificate=found.certificate or "certificate", n=number))
     elif found.skipped:
         out.append(message("verification.skipped", certificate=found.certificate, computed=computed, n=len(found.skipped)))
     else:

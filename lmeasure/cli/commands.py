@@ -95,7 +95,9 @@ def _print(result: "Result", verbose: bool) -> None:
     for path in result.files if verbose else ():
         typer.echo(rendered(message("line.written", files=path)))
     if verbose and (used or compilation.names):
-        typer.echo(rendered(message("line.kernels", uncompiled=tuple(sorted(used)), compiled=tuple(dict.fromkeys(compilation.names)))))
+        none = message("page.none")
+        kernels = {"uncompiled": tuple(sorted(used)) or none, "compiled": tuple(dict.fromkeys(compilation.names)) or none}
+        typer.echo(rendered(message("line.kernels", **kernels)))
     if result.next and not result.failure:
         # a document on standard output stays alone
         typer.echo(rendered(message("workflow.next", command=result.next)), err=result.summary == (result.made,))

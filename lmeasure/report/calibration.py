@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lmeasure.calibration import Calibration, Comparison, chance
 from lmeasure.report import html
 from lmeasure.report.calibration_figures import narrowed_figure, residuals_figure, rig_figure, spectrum_figure, worst_figure
@@ -36,8 +38,7 @@ def write_calibration_page(path: Path, calibration: Calibration, comparison: Com
 def answer(folder: str, calibration: Calibration, comparison: Comparison | None, say: Say) -> html.Answer:
     """Return the first screen: whether the rig may be used, its uncertainty, the largest limitation, and the next step."""
     record, refused = calibration.record, calibration.refused
-    # what is unobservable has its warning too
-    limitations = len(record.unobservable) + sum(w.code not in (*HARMLESS, "underdetermined") for w in record.warnings)
+    limitations = sum(w.code not in HARMLESS for w in record.warnings)
     moved = comparison is not None and comparison.moved
     if refused is not None:
         state, verdict = "bad", say("calibration.not_used", why=say.message(refused))
@@ -72,6 +73,10 @@ def _numbers(record: CalibrationRecord, say: Say) -> tuple[html.Number, ...]:
         both = predicted["position_rms_mm"], predicted.get("position_worst_mm", predicted["position_rms_mm"])
         value = say("calibration.mm_from_to", low=both[0], high=both[1])
         out.append(html.Number(say("calibration.tools_place_over_workspace"), value, say("calibration.rms_worst")))
+    else:
+        rms_mm, worst_mm = (np.array([e[key] for e in predicted["lengths"]]) for key in ("rms_mm", "worst_mm"))
+        value = say("calibration.mm_from_to", low=np.sqrt(np.mean(rms_mm**2)), high=worst_mm.max())
+        out.append(html.Number(say("calibration.lengths_over_workspace"), value, say("calibration.rms_worst")))
     if "against_nominal" in validation:
         against = validation["against_nominal"]
         note = say("calibration.before_calibration", mm=against["nominal_mm"])
@@ -96,15 +101,13 @@ def _chi(record: CalibrationRecord, say: Say) -> str:
     freedom = record.noise["degrees_of_freedom"]
     if not freedom:
         return say("calibration.none_no_equation_left")
-    if freedom == 1:
-        return say("calibration.1_degree_freedom", chi=record.noise["chi_squared"])
     return say("calibration.degrees_freedom", chi=record.noise["chi_squared"], freedom=freedom)
 
 
 def _steps(folder: str, calibration: Calibration, say: Say) -> tuple[html.Step, ...]:
     if calibration.refused is not None:
         return (html.Step(say("calibration.next_refused"), "lmeasure plan-poses --extend FOLDER --poses 4 --out more.csv"),)
-    use = html.Step(say("calibration.next_record"), f"lmeasure record --rig {folder}/rig.toml --bus INTERFACE:CHANNEL --out run1")
+    use = html.Step(say("calibration.next_record"), f"lmeasure record {folder}/rig.toml --bus INTERFACE:CHANNEL --out run1")
     if calibration.record.unobservable:
         more = "lmeasure plan-poses --extend FOLDER --poses 4 --out more.csv"
         return html.Step(say("calibration.next_more_poses"), more), use

@@ -56,7 +56,7 @@ LEGEND = {"orientation": "h", "x": 0.0, "xanchor": "left", "y": 0.0, "yref": "co
 """Under its figure: beside it, it would take a telephone's whole width, and above it are the buttons."""
 BAR = {"orientation": "h", "y": -0.02, "yanchor": "top", "thickness": 14, "len": 0.9}
 """A colour bar under its figure, for the same reason."""
-CAMERA = {"eye": {"x": 1.6, "y": 1.6, "z": 1.05}, "center": {"x": 0.0, "y": 0.0, "z": -0.2}}
+CAMERA = {"eye": {"x": 1.6, "y": 1.6, "z": 1.05}, "center": {"x": 0.0, "y": 0.0, "z": -0.26}}
 TELEPHONE, SIGN, LETTER = 358, 40, 7
 """Width of a figure on a telephone, and of a name in its legend: its sign and each letter, in pixels."""
 LEGEND_HIGH, LINE = 10, 19
@@ -76,7 +76,7 @@ COLOURS = 70
 """Height of a colour bar under a scene, in pixels."""
 UNDER = 80
 """Room for it under a scene: where plotly has to find more, as in a window made narrower, it draws the bar too low at first."""
-NEARER = 0.92
+NEARER = 0.96
 """Factor by which the eye comes nearer to the scene of a first screen, which is wider than high."""
 HALF_VIEW = math.tan(math.pi / 8)
 """Half of the height that plotly's eye sees at the distance one."""

@@ -30,7 +30,13 @@ def write_check_page(
 def answer(found: Checked, when: str, say: Say) -> html.Answer:
     """Return the first screen: passed or the moved part, the worst closure relative to its limit, and the next step."""
     words = texts(say.language, "interim")
-    rows = [html.Number(say("interim.closed"), say("page.of", n=len(found.closures) - len(found.failed), of=len(found.closures)))]
+    rows = [
+        html.Number(
+            say("interim.closed"),
+            say("page.of", n=len(found.closures) - len(found.failed), of=len(found.closures)),
+            say("interim.closed_note"),
+        )
+    ]
     limits = say("interim.limited_none")
     if found.closures:
         worst = max(found.closures, key=lambda c: abs(c.value_mm) / c.u95_mm)
@@ -45,6 +51,7 @@ def answer(found: Checked, when: str, say: Say) -> html.Answer:
                 words["agreement"],
                 f"p {chance}" if chance.startswith("<") else f"p = {chance}",
                 say("interim.significance", limit=say.number(found.limit, ".2g")),
+                "bad" if found.disagrees else "",
             )
         )
         parts = [c.detectable for c in found.agreement.causes if c.kind == "point"]
@@ -54,7 +61,7 @@ def answer(found: Checked, when: str, say: Say) -> html.Answer:
         steps = (html.Step(say("interim.next_go_on"), "lmeasure reconstruct RUN --out trajectory.parquet"),)
     else:
         steps = (html.Step(say("interim.next_calibrate"), "lmeasure calibrate FOLDER --out calibrated"),)
-    subject = words["when"].format(when=_when(when), stops=len(found.stops), tests=len(found.closures)) if when else ""
+    subject = say("interim.when", when=_when(when), stops=len(found.stops), tests=len(found.closures)) if when else ""
     return html.Answer(
         words["title"].format(rig=found.rig), verdict(found, say.language), "good" if found.passed else "bad", tuple(rows), limits, steps,
         figures.figure(closures_figure(found, say.language), "closures", say.language, hero=True), subject,

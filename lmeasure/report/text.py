@@ -3,13 +3,13 @@
 import re
 from typing import Any
 
-from lmeasure.text import Say, texts
+from lmeasure.text import Say, Writer, texts
 
 
 def word(language: str, key: str, **values: Any) -> str:
     """The text of a key in a language, with values put in as they are."""
     text = texts(language)[f"certificate.{key}"]
-    return text.format(**values) if values else text
+    return Writer(language).vformat(text, (), values) if values else text
 
 
 _SYMBOL = re.compile(r"(?<!\w)(?:([vd]?[AR]P|[AR]D|[AR]T|[Ct])_(p|l|x|y|z|a|b|c|s|min|rot)|(U)(95))(?!\w)")

@@ -215,8 +215,7 @@ class Simulated(Shown):
         if self.run is not None:
             counts, passes = self.run.run.passes[0], len(self.run.run.passes)
             counted = {"samples": len(counts.time_s), "seconds": counts.time_s[-1], "channels": tuple(counts.channels)}
-            one = message("simulation.samples_1_pass", **counted)
-            lines.append(one if passes == 1 else message("simulation.samples_passes", passes=passes, **counted))
+            lines.append(message("simulation.samples_passes", passes=passes, **counted))
         if self.campaign is not None:
             lines.append(message("simulation.reference_poses_calibration_true", count=len(self.campaign.poses)))
         return Lines(lines)

@@ -1,5 +1,6 @@
 from .catalogue import (
     LANGUAGES as LANGUAGES,
+    Writer as Writer,
     decimal as decimal,
     number as number,
     numbers as numbers,

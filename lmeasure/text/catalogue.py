@@ -7,8 +7,9 @@ import json
 import os
 import re
 import string
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
+from gettext import c2py
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,7 @@ def texts(language: str, subject: str = "") -> Mapping[str, str]:
 
 
 def read_catalogue(path: Path) -> dict[str, str]:
-    """Return the texts of a .po file by their keys: the part of the format that these catalogues use, without contexts and plurals.
+    """Return the texts of a .po file by their keys: the part of the format that these catalogues use, without contexts.
 
     The standard library reads only compiled catalogues, which would have to be built for every checkout. Raises ValueError with file and
     line for anything else.
@@ -109,8 +110,17 @@ def typed(values: Iterable[float]) -> str:
     return ",".join(number("en", settled(v), ".9g") for v in values)
 
 
+@cache
+def _form_of_count(language: str) -> Callable[[int], int]:
+    """Return the rule that picks the form of a word by a count, which a catalogue states as gettext's plural expressions do."""
+    return c2py(texts(language)["number.plural"])
+
+
 class Writer(string.Formatter):
-    """Put values into the texts of a language: numbers get its decimal mark, messages its words, and tuples of values become a list."""
+    """Put values into the texts of a language: numbers get its decimal mark, messages its words, and tuples of values become a list.
+
+    A word follows a count by a field with the forms of the language: `{n} {n:pose|poses}`.
+    """
 
     def __init__(self, language: str) -> None:
         self.language = language
@@ -124,6 +134,8 @@ class Writer(string.Formatter):
             return "–"
         if callable(getattr(value, "text", None)):
             return format(str(value.text(self.language)), format_spec)
+        if "|" in format_spec:
+            return format_spec.split("|")[_form_of_count(self.language)(int(value))]
         if format_spec[-1:] in "s<>^" or format_spec.lstrip("<>^").isdigit():
             return format(str(value), format_spec)
         return decimal(self.language, value) if isinstance(value, str) else number(self.language, value, format_spec)

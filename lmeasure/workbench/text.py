@@ -1,7 +1,7 @@
 """Words of the workbench's pages, by their ids."""
 
 from lmeasure.core import LMeasureError
-from lmeasure.text import LANGUAGES, Message, faults, reason, texts
+from lmeasure.text import LANGUAGES, Message, Writer, faults, reason, texts
 
 
 def said(language: str, text: str, /, **values: object) -> str:
@@ -9,7 +9,7 @@ def said(language: str, text: str, /, **values: object) -> str:
     if isinstance(text, Message):
         return text.text(language)
     found = texts(language).get(text, text)
-    return found.format(**values) if values else found
+    return Writer(language).vformat(found, (), values) if values else found
 
 
 def why(language: str, error: BaseException) -> str:

@@ -298,6 +298,18 @@ def _zone(path: Path, progress: Progress) -> Content:
     return Content(what, zone, (), {"zone_volume_mm3": volume}, "program --zone {file} --out program")
 
 
+def _dcc(path: Path, progress: Progress) -> Content:
+    from lmeasure.certificate import read_dcc
+
+    dcc = read_dcc(path)
+    what = message("inspect.dcc", file=path, id=dcc.identifier, results=len(dcc.results))
+    valid = () if dcc.expires is None else (message("dcc.valid_until", expires=dcc.expires.isoformat()),)
+    rows = (f"{r.name}  {r.value:.6g} {r.unit}" + ("" if r.u is None else f"  u {r.u:.2g}") for r in dcc.results)
+    doubts = (message("dcc.not_traceable", id=dcc.identifier),) if dcc.traceable is False else ()
+    lines = (dcc.traceability, *valid, *doubts, *rows)
+    return Content(what, None, lines, {"results": float(len(dcc.results))}, "register register --add {file}")
+
+
 def _recording(path: Path, progress: Progress) -> Content:
     from lmeasure.io import read_regular
 
@@ -384,7 +396,7 @@ FOLDERS: dict[str, Reader] = {
     "reference_poses.csv": _campaign,
 }
 """Files that decide the kind of a folder."""
-SUFFIXES: dict[str, Reader] = {".nc": _zone, ".json": _json, ".rrd": _recording, ".zip": _certificate}
+SUFFIXES: dict[str, Reader] = {".nc": _zone, ".json": _json, ".rrd": _recording, ".xml": _dcc, ".zip": _certificate}
 DOCUMENTS = ("structure", "scenario", "placement", "details", "report", "drum")
 """Kinds of .toml files that are shown as they are."""
 

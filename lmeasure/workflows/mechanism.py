@@ -199,8 +199,9 @@ def _enumerated(file: "ParallelFile", out: Path, reached: "tuple[FloatArray, Flo
 
 
 def _told(record: dict[str, Any], grid: "Grid | None") -> list[str]:
-    code = "mechanism_line.freedom" if record["freedoms"] == 1 else "mechanism_line.freedoms"
-    lines: list[str] = [message(code, name=record["name"], freedoms=record["freedoms"], parameters=record["parameters"])]
+    lines: list[str] = [
+        message("mechanism_line.freedoms", name=record["name"], freedoms=record["freedoms"], parameters=record["parameters"])
+    ]
     lines.append(message("mechanism_line.pose", place=tuple(map(float, record["position_mm"]))))
     joints = tuple(message("mechanism_line.joint", name=name, value=value) for name, value in record["joints"].items())
     lines.append(message("mechanism_line.joints", values=joints))

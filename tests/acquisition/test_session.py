@@ -167,7 +167,7 @@ def test_a_recording_without_a_sample_leaves_everything_as_it_was(recorded: Path
         cable["pass"] = 1 + i % 2
     write_rig(tmp_path / "rig.toml", rig_from_dict(data))
     (tmp_path / "empty.log").write_text("(1.000000) can0 7FF#00 R\n")
-    with pytest.raises(AcquisitionError, match="1 frames, not one sample of ch1, ch3, ch5: frames come, but of 7FFh"):
+    with pytest.raises(AcquisitionError, match="1 frame, not one sample of ch1, ch3, ch5: frames come, but of 7FFh"):
         record_session(tmp_path / "rig.toml", f"replay:{tmp_path / 'empty.log'}", tmp_path / "run", paced=False)
     assert not (tmp_path / "run").exists()
     log = f"replay:{recorded / 'run' / 'pass1.log'}"

@@ -1,10 +1,12 @@
 """The DCC: kept to a schema of our own (PTB's is the user's to name), its numbers to the last digit, hostile texts harmless."""
 
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 from dcclib.validation.schematron import SchematronValidator
+from in_process import ran, refused
 from lxml import etree
 
 from lmeasure.certificate import dcc_xml
@@ -123,3 +125,17 @@ def test_what_is_no_schema_is_one_line(tmp_path: Path) -> None:
         with pytest.raises(LMeasureError, match=r"bad\.xsd: cannot be used as an XSD") as caught:
             check_xml(b"<a/>", path)
         assert "\n" not in str(caught.value)
+
+
+def test_inspect_opens_one_in_a_page(tmp_path: Path) -> None:
+    dcc, page = tmp_path / "tracker.xml", tmp_path / "page.html"
+    dcc.write_bytes(dcc_xml(certificate(**FULL)))
+    said = ran("inspect", dcc, "--out", page)
+    assert said.startswith(f"{dcc}: digital calibration certificate LM-1, 2 results\n")
+    assert f"next: lmeasure register register --add {dcc}\n" in said
+    text = page.read_text(encoding="utf-8")
+    assert "Digital calibration certificate LM-1, 2 results" in text
+    assert re.search(r"0\.3\s*mm", text.replace("\N{NO-BREAK SPACE}", " "))
+    assert "u 0.17" in text.replace("\N{NO-BREAK SPACE}", " ")
+    (tmp_path / "other.xml").write_text("<a/>")
+    assert "is no DCC" in refused("inspect", tmp_path / "other.xml")

@@ -225,7 +225,7 @@ def test_another_environment_is_allowed_so_much_of_a_figure_and_no_more(folder: 
     assert f"not compared: environment: numpy 1.0, here {np.__version__}: the certificate's environment cannot be checked here" in lines
     if not differs:
         assert f"results differ in their last digits, by at most {found.largest:.2g}. Up to 1e-06 is accepted" in lines
-    assert lines[-1].endswith("1 difference" if differs else "equal within 1e-06. 1 items above were not compared")
+    assert lines[-1].endswith("1 difference" if differs else "equal within 1e-06. 1 item above was not compared")
 
 
 @pytest.mark.parametrize("u95", [None, 0.0])

@@ -236,7 +236,7 @@ def test_a_program_of_another_package_is_corrected(installed: Path, tmp_path: Pa
     others = [[*correct, "--force", "--dialect", name] for name in ("jay", "rook", "raven")]
     done, jay, rook, raven = run(installed, correct, *others)
     assert done.code == 0, done.err
-    assert "1 of 1 targets corrected (heron), 1 positions not read" in done.out
+    assert "1 of 1 target corrected (heron), 1 position not read" in done.out
     assert "pick.hrn:3: P2: 2 numbers, and a pose has 6" in done.out
     assert (jay.code, len(jay.err.splitlines())) == (1, 1)
     assert jay.err.startswith("lmeasure: package magpie 0.3: jay (json:loads) is a function and no Dialect")

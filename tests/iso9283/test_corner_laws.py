@@ -127,7 +127,7 @@ def test_two_samples_within_half_a_side_are_enough() -> None:
             points = CORNER.place + np.array([-90.0 * CORNER.incoming, np.zeros(3), 120.0 * CORNER.outgoing])
             moved = tuple(replace(c, way_mm=c.way_mm - 410.0) for c in cycles)
             with pytest.raises(
-                CertificationError, match=r"^path bent, cycle 2: has 1 samples within half a side of corner 1. At least 2 are needed$"
+                CertificationError, match=r"^path bent, cycle 2: has 1 sample within half a side of corner 1. At least 2 are needed$"
             ):
                 list(passings(crossed(points, moved[::-1])))
 

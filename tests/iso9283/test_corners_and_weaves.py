@@ -61,7 +61,7 @@ def test_a_path_that_ends_at_its_corner_has_come_to_it() -> None:
     np.testing.assert_allclose(found.beyond, [-1.5, 0.0], atol=1e-9)
     short = Cycle(np.arange(1), way[-1:], poses[-1:], way[-1:] + 100.0)
     with pytest.raises(
-        CertificationError, match=r"^path square, cycle 1: has 1 samples within half a side of corner 1. At least 2 are needed$"
+        CertificationError, match=r"^path square, cycle 1: has 1 sample within half a side of corner 1. At least 2 are needed$"
     ):
         at_corner(short, corner, "path square, cycle 1")
 

@@ -37,7 +37,7 @@ def test_a_program_that_has_not_run_says_approaches_and_forces_all_the_same(tmp_
         ('name = "P2"', 'name = "P\\n2"', "must be one line of printable text"),
         ("windows_s = [[1.0, 2.0], [5.0, 6.0]]", "windows_s = [[1.0, 2.0], [1.5, 6.0]]", "window 2 starts at 1.5 s"),
         ("windows_s = [[1.0, 2.0], [5.0, 6.0]]", "windows_s = [[2.0, 1.0], [5.0, 6.0]]", "does not end after its start"),
-        ("windows_s = [[1.0, 2.0], [5.0, 6.0]]", "windows_s = [[1.0, 2.0]]", "has 1 windows for 2 cycles"),
+        ("windows_s = [[1.0, 2.0], [5.0, 6.0]]", "windows_s = [[1.0, 2.0]]", "has 1 window for 2 cycles"),
         ("windows_s = [[3.0, 4.0]]", "windows_s = [[1.5, 2.5]]", "before one of P1 ends at 2 s"),
         ("windows_s = [[3.0, 4.0]]", "windows_s = [[3.0, nan]]", "finite number"),
         ('approaches = ["x", "y"]', 'approaches = ["x"]', "1 approaches for 2 windows"),

@@ -55,7 +55,7 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
         out.parent / "asked.csv",
     )  # fmt: skip
     assert "of the .urdf: base 'base_link' (--base-link), flange 'tool0' (--tip)" in said
-    assert "warning predict: target 'ball' was not measured (measured: tool). Its 1 rows are not used" in said
+    assert "warning predict: target 'ball' was not measured (measured: tool). Its 1 row is not used" in said
     return out
 
 
@@ -133,7 +133,7 @@ def test_rapid_targets_whose_configuration_is_not_fixed_ask_for_near(identified:
     program = f"MODULE m\n{target}\nPROC main()\nConfL \\Off;\nConfJ \\Off;\nMoveL p10,v100,fine,tool0;\nENDPROC\nENDMODULE\n"
     (tmp_path / "m.mod").write_text(program)
     said = ran("correct", tmp_path / "m.mod", "--identified", identified, "--out", tmp_path / "c")
-    assert "0 of 1 targets corrected" in said
+    assert "0 of 1 target corrected" in said
     assert "its configuration may not apply (ConfJ or ConfL \\Off), and the robot's position before it is unknown. State --near" in said
     said = ran("correct", tmp_path / "m.mod", "--identified", identified, "--near", "10,15,-20,30,40,-25", "--out", tmp_path / "d")
-    assert "1 of 1 targets corrected" in said
+    assert "1 of 1 target corrected" in said

@@ -41,7 +41,9 @@ def stated_in_code() -> set[str]:
 
 
 def fields_of(text: str) -> set[tuple[str, str | None, str | None]]:
-    return {(name, spec, conversion) for _, name, spec, conversion in string.Formatter().parse(text) if name is not None}
+    """Names of values with how they are written; the forms of a word differ between languages."""
+    fields = [field[1:] for field in string.Formatter().parse(text) if field[1] is not None]
+    return {(name, spec, conversion) for name, spec, conversion in fields if "|" not in (spec or "")}
 
 
 @pytest.mark.parametrize("language", OTHERS)
@@ -52,6 +54,13 @@ def test_a_language_has_every_id_and_its_values(language: str) -> None:
     assert sorted(stated_in_code() - set(other)) == [], f"add them to {language}.po"
     assert [key for key, text in other.items() if not text] == []
     assert [key for key in english if fields_of(english[key]) != fields_of(other[key])] == []
+
+
+@pytest.mark.parametrize(("language", "forms"), [("en", 2), ("ru", 3)])
+def test_words_after_counts_have_the_forms_of_their_language(language: str, forms: int) -> None:
+    found = {key: spec for key, text in own(language).items() for _, _, spec, _ in string.Formatter().parse(text) if spec and "|" in spec}
+    assert found
+    assert [key for key, spec in found.items() if spec.count("|") != forms - 1] == []
 
 
 @cache

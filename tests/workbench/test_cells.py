@@ -100,7 +100,7 @@ def test_a_list_of_cells_has_their_state(tmp_path: Path) -> None:
         text = asked.get("/").text
     assert re.search(r"<small class=.warning.>R-1.*AP_p P1", text)
     assert "register: cannot be read" in text
-    assert "register: 1 documents" in text
+    assert "register: 1 document" in text
     assert "This server answers to this machine only" in text
 
 

@@ -10,6 +10,8 @@ for (const form of document.querySelectorAll('form[data-command], #rig-form, #de
     if (fold) fold.open = true;
     for (const field of typed(form)) {
       if (!(field.name in values)) continue;
+      const part = field.closest('details.part');
+      if (part && values[field.name] !== field.value) part.open = true;
       if (field.type === 'checkbox') field.checked = values[field.name]; else field.value = values[field.name];
     }
     for (const kind of ['input', 'change']) form.dispatchEvent(new Event(kind, {bubbles: true}));
