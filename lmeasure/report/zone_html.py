@@ -82,7 +82,7 @@ def answer(folder: str, zone: xr.Dataset, found: Extent, *, rig: Rig, calibratio
         )
     place = html.Step(say("zone.next_place"), "lmeasure place RIG.toml --task placement.toml --out placed")
     use = html.Step(say("zone.next_measure"), "lmeasure record RIG.toml --bus INTERFACE:CHANNEL --out run1")
-    wider = (html.Step(say("zone.next_larger"), f"{again} {OPTIONS[reason]} LIMIT"),) if nodes and reason in OPTIONS else ()
+    wider = [html.Step(say("zone.next_larger"), f"{again} {OPTIONS[reason]} LIMIT")] if nodes and reason in OPTIONS else []
     rows: tuple[html.Number, ...] = ()
     if inside.any():
         u95 = np.where(inside, zone["u95_position_mm"].values, np.nan)
@@ -107,7 +107,7 @@ def answer(folder: str, zone: xr.Dataset, found: Extent, *, rig: Rig, calibratio
         seen = ellipsoids(rig, calibration, where[1][None, :], Rotation.from_quat(turns[len(turns) // 2]), start=start)
         cable = rig.cable[int(seen.weakest[0])].name
         limits = say("zone.limited", cable=cable, angle=float(seen.angle_deg[0])) + " " + larger
-        steps: tuple[html.Step, ...] = (use, *(wider or (place,)))
+        steps: tuple[html.Step, ...] = (use, *(wider or [place]))
     else:
         best = float(zone["worst_pressure_angle_deg"].min())
         state, verdict, limits, steps = "bad", say("zone.no_place_lies_zone", best=best), larger, (place, *wider)

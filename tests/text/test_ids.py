@@ -42,8 +42,8 @@ def stated_in_code() -> set[str]:
 
 def fields_of(text: str) -> set[tuple[str, str | None, str | None]]:
     """Names of values with how they are written; the forms of a word differ between languages."""
-    fields = [field[1:] for field in string.Formatter().parse(text) if field[1] is not None]
-    return {(name, spec, conversion) for name, spec, conversion in fields if "|" not in (spec or "")}
+    fields = string.Formatter().parse(text)
+    return {(name, spec, conversion) for _, name, spec, conversion in fields if name is not None and "|" not in (spec or "")}
 
 
 @pytest.mark.parametrize("language", OTHERS)

@@ -121,7 +121,8 @@ def test_a_recording_outlives_the_server(tmp_path: Path) -> None:
             until(lambda: ask("/api/jobs/1")["last"]["live"]["samples"] > 50)
             assert len(ask("/api/jobs/1")["last"]["live"]["channels"]) == 6
             kill_server(tmp_path / ".workbench" / "address")
-            until(lambda: (tmp_path / "run" / "run.toml").is_file())
+            # there from the first moment; closed, it says how the recording ended
+            until(lambda: 'ended = "complete"' in (tmp_path / "run" / "run.toml").read_text())
     kept = read_counts(tmp_path / "run" / "pass1.csv")
     assert len(kept.time_s) >= 50
     with client(tmp_path) as asked:
