@@ -55,11 +55,10 @@ def write_robot_page(
 def answer(folder: str, record: dict[str, Any], before: FloatArray, after: FloatArray, *, say: Say) -> html.Answer:
     """Return the first screen: the error before and after, whether validation poses confirm it, its limits, and the next step."""
     held, stays = record["held_out"], record["stays"]
-
-    def pair(low: float, high: float) -> str:
-        return say("robot.mean_worst", mean=low, worst=high)
-
-    rows = [html.Number(name, pair(*values)) for name, values in _errors(record, before, after, say)]
+    rows = [
+        html.Number(say("robot.mean_of", robot=name), say("comparison.mm", mm=mean), say("robot.mean_worst", worst=worst))
+        for name, (mean, worst) in _errors(record, before, after, say)
+    ]
     noise = record["noise"]["position_mm"]
     if noise is not None:
         rows.append(html.Number(say("robot.scatter"), say("comparison.mm", mm=noise), say("robot.scatter_note")))
