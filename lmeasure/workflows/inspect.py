@@ -204,6 +204,8 @@ def _reader(path: Path) -> tuple[Reader, Path]:
         raise FileFormatError(message("error.is_no_folder_of_lmeasure", where=path, folders=", ".join(FOLDERS)))
     if path.name in FOLDERS:
         return FOLDERS[path.name], path.parent
+    if path.name == "counts.csv" and (path.parent / "reference_poses.csv").is_file():
+        return _campaign, path.parent
     suffix = path.suffix.lower()
     if suffix == ".toml":
         return _toml, path
@@ -283,7 +285,8 @@ def _toml(path: Path, progress: Progress) -> Content:
     if kind == "robot":
         robot = read_robot(path)
         what = message("inspect.robot", file=path, name=robot.name)
-        return Content(what, None, (), {}, "mechanism {file} --report mechanism")
+        calibrated = "identify --robot {file} --measurements measurements.csv --out identified"
+        return Content(what, None, (), {}, "mechanism {file} --report mechanism" if robot.kind == "parallel" else calibrated)
     if kind not in DOCUMENTS:
         raise _unknown(path)
     return Content(message("inspect.document", file=path, kind=kind), None, tuple(path.read_text(encoding="utf-8").splitlines()))

@@ -13,7 +13,9 @@ from lmeasure.cli.progress import opens_pages
 from lmeasure.workflows import load
 
 TESTS = Path(__file__).parents[1]
-RUN = TESTS / "authorities" / "truth" / "cell-run"
+TRUTH = TESTS / "authorities" / "truth"
+RUN = TRUTH / "cell-run"
+ROBOTS = TESTS.parent / "lmeasure" / "robots" / "shipped"
 SEALED = TESTS / "authorities" / "sealed" / "with-run"
 
 
@@ -29,6 +31,8 @@ def candump(path: Path, counts: list[int]) -> Path:
     [
         (RUN, "run folder, passes: 1, 2000 samples in 1.999 s", "reconstruct"),
         (RUN / "rig.toml", "6 cables from 6 observation points, not calibrated", "zone"),
+        (ROBOTS / "ur5.toml", "robot ur5", "identify"),
+        (ROBOTS / "four-chains.toml", "robot four-chains", "mechanism"),
         (SEALED, "52 characteristics. Not verified here", "verify"),
         (SEALED / "inputs" / "program.toml", "test program, ", "record"),
         (SEALED / "inputs" / "trajectory.parquet", "trajectory, ", "certify"),
@@ -40,6 +44,12 @@ def test_a_file_is_named_in_one_line_with_what_to_do_next(path: Path, line: str,
     assert first.startswith(f"{path}: ")
     assert line in first
     assert second.startswith(f"next: lmeasure {following} ")
+
+
+def test_either_table_of_a_calibration_folder_names_it() -> None:
+    folder = TRUTH / "cell-12-poses"
+    for name in ("counts.csv", "reference_poses.csv"):
+        assert ran("inspect", folder / name).startswith(f"{folder}: calibration folder, 12 reference poses")
 
 
 def test_the_page_of_a_log_draws_its_counts_over_time(tmp_path: Path) -> None:
