@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 from lmeasure.core import FileFormatError, LMeasureError
-from lmeasure.text import LANGUAGES, Message, Say, Versions, composed, message, of_terminal
+from lmeasure.text import LANGUAGES, Message, Say, Versions, composed, message, of_terminal, settled
 from lmeasure.workflows.flow import Progress, Result, in_run_folder, inside, present, silent, steps, workflow
 from lmeasure.workflows.settings import (
     ALIGN,
@@ -247,13 +247,14 @@ def _calibration(path: Path, progress: Progress) -> Content:
     record = read_calibration_record(path / "calibration.json")
     rms = float(record.noise["residual_rms_mm"])
     what = message("inspect.calibration", file=path, parameters=len(record.parameters), mm=rms)
-    lines = (*(f"{p.name}  {p.value:.6g}  u {p.u:.2g}" for p in record.parameters), *(w.text for w in record.warnings))
+    rows = (composed("{name}  {value:.6g}  u {u:.2g}", name=p.name, value=settled(p.value), u=p.u) for p in record.parameters)
+    lines = (*rows, *(w.text for w in record.warnings))
     return Content(what, record, lines, {"residual_rms_mm": rms}, "zone {folder}/rig.toml --out zone.nc")
 
 
 def _identification(path: Path, progress: Progress) -> Content:
     content = _document(path / "identified.json")
-    rows = [f"{p['name']}  {p['value']:.6g} {p.get('unit', '')}".rstrip() for p in content.get("parameters", ())]
+    rows = [composed("{name}  {value:.6g}", name=p["name"], value=settled(p["value"])) for p in content.get("parameters", ())]
     what = message("inspect.identification", file=path, parameters=len(rows))
     return Content(what, None, tuple(rows), {}, "correct program.csv --identified {folder} --out corrected")
 
@@ -307,7 +308,7 @@ def _dcc(path: Path, progress: Progress) -> Content:
     dcc = read_dcc(path)
     what = message("inspect.dcc", file=path, id=dcc.identifier, results=len(dcc.results))
     valid = () if dcc.expires is None else (message("dcc.valid_until", expires=dcc.expires.isoformat()),)
-    rows = (f"{r.name}  {r.value:.6g} {r.unit}" + ("" if r.u is None else f"  u {r.u:.2g}") for r in dcc.results)
+    rows = (composed("{name}  {value:.6g} {unit}  u {u:.2g}", name=r.name, value=r.value, unit=r.unit, u=r.u) for r in dcc.results)
     doubts = (message("dcc.not_traceable", id=dcc.identifier),) if dcc.traceable is False else ()
     lines = (dcc.traceability, *valid, *doubts, *rows)
     return Content(what, None, lines, {"results": float(len(dcc.results))}, "register register --add {file}")
