@@ -1,63 +1,114 @@
-"""Ten minutes of six encoders at 1 kHz between two processes: 3.6 million counts, none lost, none changed.
+"""Record 12 encoders at 1 kHz from a bus between two processes, part after part: no count lost or changed, and memory flat.
 
-`python benchmarks/acquisition_endurance.py [--minutes 10] [udp_multicast socketcand] [--write]`
+    python benchmarks/acquisition_endurance.py --keep FILE [--parts N] [--what BUS ...] [--minutes M ...] [--write]
 
-The feed is the tests' own process, which knows nothing of lmeasure.
+Another process sends, which knows nothing of lmeasure. Each start adds its parts to the record of the starts before.
 """
 
-import os
 import platform
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from study import Study, table
 
 for folder in ("helpers", "acquisition"):
     sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / folder))
 
-from study import options, show, table  # noqa: E402
-from test_buses import positions, record_from  # noqa: E402
+from test_buses import positions, record_from, the_rig  # noqa: E402
 
 from lmeasure.recording import read_run  # noqa: E402
+from lmeasure.rig import Rig, rig_from_dict  # noqa: E402
 
 RATE_HZ = 1000.0
+CHANNELS = 12
+EVERY_S = 5.0
+"""Time between two looks at the memory."""
 
 
-def run(what: str, minutes: float) -> list[Any]:
-    """A row of the table."""
-    counts = positions(round(minutes * 60 * RATE_HZ), RATE_HZ)
+def rig_of_twelve() -> Rig:
+    """Return the rig of the tests with its six drums twice."""
+    data = the_rig().to_dict()
+    for kind in ("observation_point", "cable"):
+        data[kind] += [one | {"name": f"{one['name']}b"} for one in data[kind]]
+    for n, cable in enumerate(data["cable"], 1):
+        cable |= {"channel": f"ch{n}", "from": cable["from"] + ("b" if n > CHANNELS // 2 else "")}
+    return rig_from_dict(data)
+
+
+def memory_mb() -> float:
+    """Return the memory of this process that is its own."""
+    resident, shared = Path("/proc/self/statm").read_text().split()[1:3]
+    return (int(resident) - int(shared)) * 4096 / 1e6
+
+
+def draw(seed: int, what: str, minutes: float) -> dict[str, Any]:
+    """Record one part, and compare every count with what was sent."""
+    six = positions(round(minutes * 60 * RATE_HZ), RATE_HZ)
+    counts = np.hstack([six, six[::-1] + seed])
+    looks: list[float] = []
+    done = threading.Event()
+
+    def look() -> None:
+        while not done.wait(EVERY_S):
+            looks.append(memory_mb())
+
+    watch = threading.Thread(target=look)
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        begin, used = time.monotonic(), time.process_time()
-        recording, _ = record_from(what, counts, RATE_HZ, folder)
-        seconds, busy = time.monotonic() - begin, time.process_time() - used
-        recorded = read_run(folder / "run").passes[0].recorded
+        run = Path(name) / "run"
+        watch.start()
+        begun, used = time.monotonic(), time.process_time()
+        try:
+            recording, _ = record_from(what, counts, RATE_HZ, Path(name), rig_of_twelve())
+        finally:
+            done.set()
+            watch.join()
+        seconds, busy = time.monotonic() - begun, time.process_time() - used
+        recorded = read_run(run).passes[0].recorded
         same = recorded.shape == counts.shape and np.array_equal(recorded, counts)
-        faults = ", ".join(f"{n} {k}" for k, n in sorted(recording.faults.items())) or "none"
-        events = folder / "run" / "pass1.events.csv"
-        if events.exists():  # where in the run it lay
-            print(events.read_text()[:4000])
-    print(what, recording.summary(), "bit-identical" if same else "NOT the counts that were sent", flush=True)
-    share = 100 * busy / seconds
-    return [what, f"{minutes:g}", counts.size, recording.frames, "yes" if same else "NO", faults, f"{share:.0f} %"]
+    quarter = max(len(looks) // 4, 1)
+    return {
+        "what": what, "minutes": seconds / 60.0, "counts": counts.size, "frames": recording.frames, "same": bool(same),
+        "ended": recording.ended, "faults": dict(recording.faults), "share": busy / seconds,
+        "first_mb": float(np.median(looks[quarter : 2 * quarter] or [0.0])), "last_mb": float(np.median(looks[-quarter:] or [0.0])),
+    }  # fmt: skip
 
 
-def main() -> None:
-    """Run what was asked for, print and keep the table."""
-    parser = options(__doc__)
-    parser.add_argument("what", nargs="*", default=["udp_multicast", "socketcand"])
-    parser.add_argument("--minutes", type=float, default=10.0)
-    asked = parser.parse_args()
-    rows = [run(what, asked.minutes) for what in asked.what]
-    head = ["bus", "minutes", "counts sent", "frames received", "all counts bit-identical, in order", "faults"]
-    head += ["recorder's share of a core"]
-    machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
-    about = f"# Six encoders at {RATE_HZ:g} Hz between two processes\n\n`python benchmarks/acquisition_endurance.py --write`, {machine}."
-    show(asked, f"{about}\n\n{table(head, rows)}", "acquisition_endurance")
+def page(records: list[dict[str, Any]]) -> tuple[str, bool]:
+    """Return the table of parts by bus."""
+    rows = []
+    for what in dict.fromkeys(one["what"] for one in records):
+        own = [one for one in records if one["what"] == what]
+        faults: dict[str, int] = {}
+        for one in own:
+            faults |= {kind: faults.get(kind, 0) + n for kind, n in one["faults"].items()}
+        minutes = sum(one["minutes"] for one in own)
+        rows.append([
+            what, len(own), f"{minutes:.1f}", sum(one["counts"] for one in own), sum(one["frames"] for one in own),
+            f"{sum(one['same'] for one in own)} of {len(own)}", ", ".join(f"{n} {kind}" for kind, n in sorted(faults.items())) or "none",
+            f"{max((one['last_mb'] - one['first_mb'] for one in own), default=0.0):+.1f}",
+            f"{100 * sum(one['share'] * one['minutes'] for one in own) / minutes:.0f} %",
+        ])  # fmt: skip
+    head = ["bus", "parts", "minutes", "counts sent", "frames received", "parts with every count, in order", "faults"]
+    head += ["memory from the second to the last quarter [MB], worst part", "recorder's share of a core"]
+    lines = [
+        f"# {CHANNELS} encoders at {RATE_HZ:g} Hz between two processes",
+        f"`python benchmarks/acquisition_endurance.py --keep FILE --write`, {platform.machine()}, Python {platform.python_version()}.",
+        f"{sum(one['minutes'] for one in records) / 60.0:.2f} hours. A pause is a sender that the machine held up.",
+        table(head, rows),
+    ]
+    return "\n\n".join(lines), all(one["same"] for one in records)
 
+
+STUDY = Study(
+    "acquisition_endurance", draw, page, "parts", 1,
+    {"what": ("udp_multicast", "socketcand"), "minutes": (10.0, 0.5, 30.0, 60.0)}, "{what} {minutes} {seed}",
+    lambda asked, seed: [(what, asked.minutes[0]) for what in asked.what],
+)  # fmt: skip
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(STUDY.command(__doc__))

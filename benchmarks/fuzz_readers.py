@@ -34,13 +34,14 @@ def instrumented() -> Any:
     return atheris.instrument_imports(include=["lmeasure"], exclude=["lmeasure.kernels", *kernels], enable_loader_override=False)
 
 
-def fuzz(name: str, corpus: Path, seconds: float, log: Path) -> int:
-    """Fuzz one reader in a process of its own until the time is over; libFuzzer ends it. Return its exit status."""
+def fuzz(name: str, corpus: Path, seconds: float, log: Path) -> tuple[int, float]:
+    """Fuzz one reader in a process of its own until the time is over; libFuzzer ends it. Return its exit status and its processor time."""
     import atheris
 
     child = os.fork()
     if child:
-        return os.waitpid(child, 0)[1]
+        _, status, used = os.wait4(child, 0)
+        return status, used.ru_utime + used.ru_stime
     out = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(out, 1)
     os.dup2(out, 2)
@@ -87,12 +88,12 @@ def main() -> int:
     record = asked.corpus / "record.jsonl"
     for name in names:
         log = asked.corpus / "log.txt"
-        status = fuzz(name, asked.corpus, asked.seconds, log)
+        status, spent = fuzz(name, asked.corpus, asked.seconds, log)
         text = log.read_text(encoding="utf-8", errors="replace")
         units = re.search(r"number_of_executed_units: (\d+)", text)
         cover = re.findall(r"cov: (\d+)", text)
         row = {
-            "reader": name, "seconds": asked.seconds, "tried": int(units[1]) if units else 0, "edges": int(cover[-1]) if cover else 0,
+            "reader": name, "seconds": round(spent, 1), "tried": int(units[1]) if units else 0, "edges": int(cover[-1]) if cover else 0,
             "found": re.findall(r"FOUND (.*)", text) + ([] if units else [f"ended with {status}"]),
         }  # fmt: skip
         with record.open("a", encoding="utf-8") as file:
@@ -108,7 +109,9 @@ def main() -> int:
         cells.append([name, f"{spent:.0f}", tried, max(row["edges"] for row in own), inputs, "; ".join(found)[:200] or "nothing"])
     hours, tried = sum(row["seconds"] for row in rows) / 3600.0, sum(row["tried"] for row in rows)
     head = "# Fuzzed readers\n\n`python benchmarks/fuzz_readers.py --corpus FOLDER --write`"
-    about = f"{tried} inputs in {hours:.2f} hours. `edges` counts those of lmeasure's code. `found` also lists what is mended by now."
+    about = (
+        f"{tried} inputs in {hours:.2f} processor hours. `edges` counts those of lmeasure's code. `found` also lists what is mended by now."
+    )
     show(asked, f"{head}\n\n{about}\n\n{table(['reader', 's', 'inputs tried', 'edges', 'corpus', 'found'], cells)}", "fuzz_readers")
     return 0
 

@@ -1,10 +1,11 @@
-"""Record in simulated worlds: bus, clocks, disk and kills from one seed (`tests/helpers/worlds.py`); and plant bugs to be found.
+"""Live in simulated worlds: bus, clocks, disk, processes and kills from one seed; and plant bugs to be found.
 
-    python benchmarks/simulated_world.py --keep FILE [--runs SEEDS] [--first SEED] [--write]
+    python benchmarks/simulated_world.py --keep FILE [--runs SEEDS] [--first SEED] [--world NAME ...] [--write]
     python benchmarks/simulated_world.py --planted --keep FILE [--seeds N] [--write]
 
-Each seed is a recording with its faults. A sample that was shown is in the files, no count is invented, each file is whole or absent, the
-log gives the same counts again, and every tenth seed leaves the same bytes when it is lived again. --planted puts each fault of
+The worlds are recordings (`tests/helpers/worlds.py`), captures (`capture_worlds.py`), jobs of a workbench and a store of results
+(`job_worlds.py`). A sample, a reading or a line that was shown is in the files, none is invented, each file is whole or absent, what was
+broken off continues to the same results, and every tenth seed leaves the same bytes when it is lived again. --planted puts each fault of
 `planted_bugs.toml` into the code, one at a time, and counts those that some seed notices.
 """
 
@@ -16,6 +17,7 @@ import sys
 import tempfile
 import time
 import tomllib
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -27,40 +29,54 @@ from study import Kept, Study, show, table
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT / "tests" / name) for name in ("helpers", "oracles", "acquisition", "procedures", "rig", "sensors")]
 
-from worlds import drawn, lived  # noqa: E402
+import capture_worlds  # noqa: E402
+import job_worlds  # noqa: E402
+from worlds import Outcome, drawn, lived  # noqa: E402
 
 PLANTED = Path(__file__).parent / "planted_bugs.toml"
 LIVED_AGAIN = 10
 """Every tenth seed."""
 
 
-def draw(seed: int) -> dict[str, Any]:
+WORLDS: dict[str, tuple[Callable[[int], Any], Callable[[Any, Path], Outcome]]] = {
+    "recording": (drawn, lived),
+    "capture": (capture_worlds.drawn, capture_worlds.lived),
+    "jobs": (job_worlds.drawn, job_worlds.lived),
+    "store": (job_worlds.drawn, job_worlds.stored),
+}
+
+
+def draw(seed: int, world: str) -> dict[str, Any]:
     """Live one seed, some twice."""
-    begun = time.process_time()
+    begun, (one, live) = time.process_time(), WORLDS[world]
     with tempfile.TemporaryDirectory() as name:
-        outcome = lived(drawn(seed), Path(name) / "run")
+        outcome = live(one(seed), Path(name) / "run")
         wrong = list(outcome.wrong)
-        if seed % LIVED_AGAIN == 0 and lived(drawn(seed), Path(name) / "run").digest != outcome.digest:
+        if seed % LIVED_AGAIN == 0 and live(one(seed), Path(name) / "run").digest != outcome.digest:
             wrong.append("lived again, it leaves other bytes")
-    return asdict(outcome) | {"wrong": wrong, "processor_s": time.process_time() - begun}
+    return asdict(outcome) | {"world": world, "wrong": wrong, "processor_s": time.process_time() - begun}
 
 
 def page(records: list[dict[str, Any]]) -> tuple[str, bool]:
-    """Return the table of faults and ends."""
+    """Return the tables of worlds, and of faults and ends."""
+    worlds, rows = [], []
+    for world in dict.fromkeys(one["world"] for one in records):
+        of_world = [one for one in records if one["world"] == world]
+        hours, spent = (sum(one[key] for one in of_world) / 3600.0 for key in ("seconds", "processor_s"))
+        kept, bad = sum(one["samples"] for one in of_world), sum(bool(one["wrong"]) for one in of_world)
+        worlds.append([world, len(of_world), f"{hours:.1f}", f"{hours / spent:.0f}" if hours else "", kept, bad])
+        for kind in sorted({fault for one in of_world for fault in one["faults"]} | {"none"}):
+            own = [one for one in of_world if kind in (one["faults"] or ["none"])]
+            ends = [sum(one["ended"].startswith(end) for one in own) for end in ("complete", "killed", "refused")]
+            rows.append([world, kind, len(own), *ends, len(own) - sum(ends), sum(bool(one["wrong"]) for one in own)])
     wrong = [one for one in records if one["wrong"]]
-    rows = []
-    for kind in sorted({fault for one in records for fault in one["faults"]} | {"none"}):
-        own = [one for one in records if kind in (one["faults"] or ["none"])]
-        ends = [sum(one["ended"].startswith(end) for one in own) for end in ("complete", "killed", "refused")]
-        rows.append([kind, len(own), *ends, len(own) - sum(ends), sum(bool(one["wrong"]) for one in own)])
-    hours, spent = sum(one["seconds"] for one in records) / 3600.0, sum(one["processor_s"] for one in records) / 3600.0
     lines = [
-        "# Recordings in simulated worlds",
+        "# Simulated worlds",
         "`python benchmarks/simulated_world.py --keep FILE --write`",
-        f"{len(records)} seeds, {hours:.1f} simulated hours in {spent:.2f} hours of one processor: {hours / spent:.0f} an hour. "
-        f"{sum(one['samples'] for one in records)} samples. {len(wrong)} seeds were wrong.",
-        *(f"- seed {one['seed']}: {'; '.join(one['wrong'][:2])}" for one in wrong[:10]),
-        table(["fault", "seeds", "complete", "killed", "refused", "ended early", "wrong"], rows),
+        f"{len(records)} seeds. {len(wrong)} were wrong. `acknowledged` counts samples, readings, lines of jobs, and results.",
+        *(f"- {one['world']} {one['seed']}: {'; '.join(one['wrong'][:2])}" for one in wrong[:10]),
+        table(["world", "seeds", "simulated hours", "in an hour of one processor", "acknowledged", "wrong"], worlds),
+        table(["world", "fault", "seeds", "complete", "killed", "refused", "ended early", "wrong"], rows),
     ]
     return "\n\n".join(lines), not wrong
 
@@ -121,7 +137,7 @@ def plant(asked: argparse.Namespace) -> int:
     return int(missed > len(bugs) // 25)
 
 
-STUDY = Study("simulated_world", draw, page, "seeds", 200)
+STUDY = Study("simulated_world", draw, page, "seeds", 200, {"world": tuple(WORLDS)}, "{world} {seed}")
 
 if __name__ == "__main__":
     if "--planted" in sys.argv:

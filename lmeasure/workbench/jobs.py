@@ -68,8 +68,8 @@ class Job:
             if event.get("event") == "asked":
                 self.last["asked"] = event
             self.said.append(event)
-            with contextlib.suppress(OSError), (self.folder / "said.jsonl").open("a", encoding="utf-8") as file:
-                file.write(json.dumps(event, ensure_ascii=False) + "\n")
+            with contextlib.suppress(OSError):
+                _append(self.folder / "said.jsonl", json.dumps(event, ensure_ascii=False).encode("utf-8", "replace") + b"\n")
         for queue in self.watchers:
             # who reads too slowly misses what passes, never the end
             if queue.qsize() < KEPT_LINES or event.get("event") not in PASSING:
@@ -195,11 +195,11 @@ class Jobs:
         if process is None or process.stderr is None or process.stdout is None:
             return
         reported = asyncio.create_task(process.stdout.read())
-        async for raw in process.stderr:
+        async for raw in _lines(process.stderr):
             text = raw.decode("utf-8", "replace").rstrip()
             try:
                 event = json.loads(text)
-            except ValueError:
+            except (ValueError, RecursionError):
                 event = None
             if not isinstance(event, dict) or "event" not in event:
                 event = {"event": "said", "text": text}
@@ -207,7 +207,7 @@ class Jobs:
         code = await process.wait()
         try:
             job.result = json.loads((await reported).decode("utf-8", "replace"))
-        except ValueError:
+        except (ValueError, RecursionError):
             job.result = None
         failed = CANCELLED if job.cancelling or code in (CANCELLED_CODE, -2) else FAILED
         # a recording ended by its button is done
@@ -220,6 +220,18 @@ class Jobs:
         processes.prepared.want()  # for the next
 
 
+async def _lines(stream: asyncio.StreamReader) -> AsyncIterator[bytes]:
+    """Yield lines until the end; of one that is longer than the stream allows only the rest."""
+    while True:
+        try:
+            line = await stream.readline()
+        except ValueError:
+            continue
+        if not line:
+            return
+        yield line
+
+
 def _read(folder: Path) -> Job | None:
     """A job of an earlier server."""
     try:
@@ -227,14 +239,29 @@ def _read(folder: Path) -> Job | None:
         job = Job(int(asked["number"]), str(asked["command"]), [str(w) for w in asked["words"]], str(asked["begun"]), folder)
     except (LMeasureError, OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
-    with contextlib.suppress(LMeasureError, OSError, ValueError, RecursionError):
-        job.said = [json.loads(line) for line in read_regular(folder / "said.jsonl", LARGEST).decode().splitlines()]
+    with contextlib.suppress(LMeasureError, OSError):
+        for line in read_regular(folder / "said.jsonl", LARGEST).split(b"\n"):
+            with contextlib.suppress(ValueError, RecursionError):  # the last line of a server that was killed
+                event = json.loads(line)
+                job.said += [event] if isinstance(event, dict) else []
     try:
         end = json.loads(read_regular(folder / "end.json", LARGEST))
         job.state, job.ended, job.result = str(end["state"]), str(end["ended"]), end["result"]
     except (LMeasureError, OSError, ValueError, KeyError, TypeError, RecursionError):
         job.state = INTERRUPTED
     return job
+
+
+def _append(path: Path, line: bytes) -> None:
+    """Append a whole line, or nothing."""
+    with path.open("ab", buffering=0) as file:
+        size, left = file.tell(), memoryview(line)
+        try:
+            while left:
+                left = left[file.write(left) :]
+        except OSError:
+            file.truncate(size)
+            raise
 
 
 def _write(path: Path, content: dict[str, Any]) -> None:

@@ -109,9 +109,9 @@ def assert_all_there(recording: Recording, folder: Path, counts: IntArray) -> No
     np.testing.assert_array_equal(read_run(folder).passes[0].recorded, counts)
 
 
-def record_from(what: str, counts: IntArray, rate_hz: float, folder: Path) -> tuple[Recording, str]:
+def record_from(what: str, counts: IntArray, rate_hz: float, folder: Path, rig: Rig | None = None) -> tuple[Recording, str]:
     """Record what another process sends over the bus: the recording, and whose clock stamped the frames."""
-    rig, group = the_rig(), a_group()
+    rig, group = rig or the_rig(), a_group()
     folder.mkdir(exist_ok=True)
     with feeding(what, counts, rate_hz, group if what == "udp_multicast" else {}, folder) as (said, process):
         if what == "udp_multicast":

@@ -1,29 +1,21 @@
 """A recording in a simulated world: bus, clocks and disk, with faults, all from one seed; and what must be true of the files it leaves.
 
-The code of the recorder and of its source runs as it is. Its time is simulated: sleeping moves the clock to the next frame. The thread that
-reads the bus is called whenever time moves, so that a seed gives the same bytes each time. The truth is in the counts: channel 1 counts 3
-per sample and channel 2 counts 5, so that each row says which sample it is.
+The code of the recorder and of its source runs as it is, on a simulated machine. The truth is in the counts: channel 1 counts 3 per
+sample and channel 2 counts 5, so that each row says which sample it is.
 """
 
-import contextlib
-import errno
 import hashlib
-import io
-import os
 import shutil
 import signal
-import types
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
-from typing import Any
-from unittest.mock import patch
 
 import can
 import numpy as np
 import rigged_feed
 from numpy.typing import NDArray
+from simulated_machine import BEGIN_S, Frame, Killed, Machine, content, simulated
 
 from lmeasure.acquisition import counter_fields, import_logs, record
 from lmeasure.acquisition.bus.sources import BusSource
@@ -33,7 +25,6 @@ from lmeasure.recording import Run, read_counts, read_run
 from lmeasure.rig import Rig
 
 FloatArray = NDArray[np.float64]
-BEGIN_S = 1_700_000_000.0
 CHANNELS = 6
 MOST_PER_S = 200.0
 """Counts per second of the fastest channel; the rig's limit is ten times as much."""
@@ -42,26 +33,15 @@ FAR = 50_000
 """Counts from zero at which an encoder starts again."""
 SURE_S = 0.06
 """What the smallest step of a clock that is noticed may leave."""
-PATCHED = ("lmeasure.acquisition.bus.sources", "lmeasure.acquisition.recorder", "lmeasure.acquisition.recorder")
 
 
-class Killed(BaseException):
-    """The process is gone."""
-
-
-class Idle(BaseException):
-    """Nothing is due: the thread that reads waits."""
-
-
-@dataclass
-class World:
+@dataclass(kw_only=True)
+class World(Machine):
     """What one seed draws: the truth, what happens to the frames, the clocks and the disk, and how it went."""
 
-    seed: int
     period_s: float
     bits: int
     truth: NDArray[np.int64]
-    due: list[tuple[float, can.Message | Exception | None]]
     faults: list[str]
     good: NDArray[np.bool_]
     """Samples and channels (n, 6) of which each frame came, and the frames before and behind it."""
@@ -69,84 +49,19 @@ class World:
     """The sample from which a channel has another origin."""
     steps: int
     """How often the clock of the wall is set."""
-    disk: dict[int, str]
-    """What happens at an operation of the disk, by its number."""
     stop_at_s: float
     sent_s: FloatArray
     """When each sample was taken."""
-    back_s: float
-    """When a bus that failed can be opened again."""
-    short: int
-    """So many bytes at most are written at once."""
-    slow: int
-    """Every operation of the disk of this number takes seconds; 0: none does."""
     exact: bool
     """Whether the rig states an exact zero."""
     hopeless: bool
     """Whether the bus is gone for longer than the recorder waits."""
-    now: float = 0.0
-    position: int = 0
-    operations: int = 0
     kept: list[FloatArray] = field(default_factory=list)
-    left: dict[str, bytes] | None = None
-    """What the folder held when the process was killed."""
-    pump: Callable[[], None] = lambda: None
-    opened: list[io.FileIO] = field(default_factory=list)
 
     @property
     def n(self) -> int:
         """Number of samples."""
         return len(self.truth)
-
-    def monotonic(self) -> float:
-        """Return the steady clock."""
-        return self.now
-
-    def time(self) -> float:
-        """Return the clock of the wall."""
-        return BEGIN_S + self.now
-
-    def sleep(self, seconds: float) -> None:
-        """Let time pass, until a frame is due where none is before."""
-        later = self.due[self.position][0] if self.position < len(self.due) else self.stop_at_s + 1.0
-        self.now = max(self.now + max(seconds, 1e-4), min(later, self.now + 60.0))
-        self.pump()
-
-    def recv(self) -> can.Message | None:
-        """Return the next frame that is due; None once, then Idle, where none is. What fails, raises."""
-        if self.position < len(self.due) and self.due[self.position][0] <= self.now:
-            what = self.due[self.position][1]
-            self.position += 1
-            if isinstance(what, Exception):
-                raise what
-            return what
-        raise Idle
-
-    def operation(self, folder: Path, write: Callable[[int], None] | None = None) -> None:
-        """Count an operation of the disk, and let it fail where the seed says so; write(k): writes a part of it."""
-        self.operations += 1
-        if self.slow and self.operations % self.slow == 0:
-            end = self.now + 3.0
-            while self.now < end:
-                self.now = min(max(self.due[self.position][0] if self.position < len(self.due) else end, self.now + 1e-4), end)
-                self.pump()
-        answer = self.disk.get(self.operations) or self.disk.get(0)
-        if answer is None or (answer == "full" and self.operations < -min(self.disk)):
-            return
-        if answer == "killed":
-            if write is not None:
-                write(self.seed % 7)
-            self.left = content(folder)
-            raise Killed
-        if answer in ("full", "part") and write is not None:
-            write(self.seed % 5)
-        number = errno.EIO if answer == "error" else errno.EINTR if answer == "interrupted" else errno.ENOSPC
-        raise OSError(number, os.strerror(number))
-
-
-def content(folder: Path) -> dict[str, bytes]:
-    """Return the files of a folder."""
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 def rig_of(bits: int, exact: bool = True) -> Rig:
@@ -203,6 +118,9 @@ def drawn(seed: int, samples: int = 400) -> World:
     if happens("encoder starts again", 0.25):
         channel, at = int(rng.integers(2, CHANNELS)), int(rng.integers(5, n - 5))
         reported = bool(rng.random() < 0.6)
+        if reported and not exact and rng.random() < 0.5:  # so near zero that only its word tells
+            truth[:, channel] -= truth[at, channel] - int(rng.integers(25, 300))
+            sent_truth[:, channel] = truth[:, channel]
         if abs(truth[at, channel]) > (MOST_PER_S // 10 if reported and not exact else FAR // 10):
             sent_truth[at:, channel] -= truth[at, channel]
             first_lost[channel] = at
@@ -214,7 +132,7 @@ def drawn(seed: int, samples: int = 400) -> World:
     steps: list[tuple[float, float]] = []
     if happens("clock set", 0.25):
         steps = [(float(sent_s[int(rng.integers(1, n))]) - 0.5 * period, float(rng.choice([-1, 1]) * 10.0 ** rng.uniform(0.0, 3.5)))]
-    due: list[tuple[float, can.Message | Exception | None]] = []
+    due: list[tuple[float, Frame]] = []
     for k in range(n):
         for j in range(1 + CHANNELS):
             if not came[k, j]:
@@ -260,165 +178,11 @@ def drawn(seed: int, samples: int = 400) -> World:
         disk = {number: answer} if answer != "full" else {-number: "", 0: "full"}
         faults[-1] = f"disk: {answer}"
     return World(
-        seed,
-        period,
-        bits,
-        truth,
-        due,
-        faults,
-        np.repeat(around[:, None], CHANNELS, axis=1),
-        first_lost,
-        len(steps),
-        disk,
-        stop_at_s,
-        sent_s,
-        back_s,
-        int(rng.choice([10**9, 10**9, 10**9, 100])),
-        int(rng.integers(5, 60)) if happens("slow disk", 0.25) else 0,
-        exact,
-        hopeless,
-    )
-
-
-class _Bus:
-    """A bus of python-can that the world feeds."""
-
-    def __init__(self, world: World) -> None:
-        self._world, self._empty, self._asked = world, False, 0
-        if world.now < world.back_s and world.now > 0.0 and world.position and isinstance(world.due[world.position - 1][1], Exception):
-            raise can.CanInitializationError("no bus")
-
-    def recv(self, timeout: float) -> can.Message | None:
-        """Return a frame that is due; None once where none is, then Idle."""
-        del timeout
-        if self._asked:  # it has failed: only another one receives
-            self._asked += 1
-            assert self._asked < 1000
-            raise can.CanOperationError("bus off")
-        try:
-            one = self._world.recv()
-        except can.CanError:
-            self._asked = 1
-            raise
-        except Idle:
-            self._empty = not self._empty
-            if self._empty:
-                return None
-            raise
-        self._empty = False
-        return one
-
-    def shutdown(self) -> None:
-        """Close."""
-
-    def fileno(self) -> int:
-        """Have no number."""
-        raise OSError
-
-
-class _Event:
-    """An event whose waiting lets time pass."""
-
-    def __init__(self, world: World) -> None:
-        self._world, self._set = world, False
-
-    def is_set(self) -> bool:
-        """Return whether it happened."""
-        return self._set
-
-    def set(self) -> None:
-        """Let it happen."""
-        self._set = True
-
-    def wait(self, seconds: float) -> bool:
-        """Let time pass."""
-        self._world.now += seconds
-        return self._set
-
-
-class _Thread:
-    """A thread that runs when time moves."""
-
-    def __init__(self, world: World, target: Callable[[], None]) -> None:
-        def pump() -> None:
-            with contextlib.suppress(Idle):
-                target()
-                world.pump = lambda: None
-
-        self._world, self._pump = world, pump
-
-    def start(self) -> None:
-        """Run from now on."""
-        self._world.pump = self._pump
-
-    def join(self) -> None:
-        """End."""
-        self._world.pump = lambda: None
-
-
-class _File(io.FileIO):
-    """A file whose operations the world counts."""
-
-    def __init__(self, world: World, folder: Path, path: Path, mode: str) -> None:
-        world.operation(folder)
-        super().__init__(path, mode)
-        self._world, self._folder = world, folder
-        world.opened.append(self)
-
-    def write(self, data: Any) -> int:
-        """Write, or fail."""
-        self._world.operation(self._folder, lambda k: self._part(bytes(data)[: min(k, len(data) - 1)]))
-        return super().write(bytes(data)[: self._world.short])
-
-    def _part(self, data: bytes) -> None:
-        super().write(data)
-
-
-@contextlib.contextmanager
-def simulated(world: World, folder: Path) -> Iterator[None]:
-    """Let the recorder live in a world."""
-    clock: Any = types.SimpleNamespace(monotonic=world.monotonic, time=world.time, sleep=world.sleep, perf_counter=world.monotonic)
-    threads: Any = types.SimpleNamespace(
-        Event=lambda: _Event(world),
-        Thread=lambda target, daemon: _Thread(world, target),
-        current_thread=lambda: None,
-        main_thread=lambda: 1,
-    )
-
-    class Today(datetime):
-        @classmethod
-        def now(cls, tz: tzinfo | None = None) -> "Today":
-            """Return the clock of the wall."""
-            return cls.fromtimestamp(BEGIN_S, tz or UTC) + timedelta(seconds=world.now)
-
-    usual_open, usual_replace = Path.open, os.replace
-
-    def opened(path: Path, mode: str = "r", buffering: int = -1, *args: Any, **more: Any) -> Any:
-        if not set(mode) & set("wxa") or not path.is_relative_to(folder):
-            return usual_open(path, mode, buffering, *args, **more)
-        if mode == "xb" and buffering == 0:
-            return _File(world, folder, path, "xb")
-        world.operation(folder, lambda _: usual_open(path, mode).close())  # what is written anew is empty first
-        return usual_open(path, mode, buffering, *args, **more)
-
-    def synced(number: int) -> None:
-        del number  # a disk that waits would be most of the time
-        world.operation(folder)
-
-    def replaced(old: Any, new: Any, **more: Any) -> None:
-        world.operation(folder)
-        usual_replace(old, new, **more)
-
-    with contextlib.ExitStack() as stack:
-        for name in PATCHED:
-            stack.enter_context(patch(f"{name}.time", clock))
-        for name in (PATCHED[0], PATCHED[2]):
-            stack.enter_context(patch(f"{name}.threading", threads))
-        stack.enter_context(patch("lmeasure.acquisition.recorder.datetime", Today))
-        stack.enter_context(patch.object(Path, "open", opened))
-        stack.enter_context(patch("os.fsync", synced))
-        stack.enter_context(patch("os.replace", replaced))
-        yield
+        seed=seed, period_s=period, bits=bits, truth=truth, due=due, faults=faults, good=np.repeat(around[:, None], CHANNELS, axis=1),
+        first_lost=first_lost, steps=len(steps), disk=disk, stop_at_s=stop_at_s, end_s=stop_at_s + 1.0, sent_s=sent_s, back_s=back_s,
+        short=int(rng.choice([10**9, 10**9, 10**9, 100])), slow=int(rng.integers(5, 60)) if happens("slow disk", 0.25) else 0,
+        exact=exact, hopeless=hopeless,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -442,7 +206,7 @@ def lived(world: World, folder: Path) -> Outcome:
     ended, reported = "complete", None
     handlers = signal.getsignal(signal.SIGINT)
     with simulated(world, folder):
-        source = BusSource(lambda: _Bus(world), "socketcan:can0", patience_s=30.0)  # type: ignore[arg-type, return-value]
+        source = BusSource(world.bus, "socketcan:can0", patience_s=30.0)
         try:
             reported = record(
                 rig, source, counter_fields(rig), folder, start=rigged_feed.HOME, each=lambda s: world.kept.append(s.recorded.copy()),
@@ -469,6 +233,8 @@ def lived(world: World, folder: Path) -> Outcome:
     if reported is not None:
         if reported.faults.get("clock_step", 0) > world.steps:
             wrong.append(f"{reported.faults['clock_step']} steps of a clock that was set {world.steps} times")
+        if reported.samples != (rows := max(after["pass1.csv"].count(b"\n") - 1, 0)):
+            wrong.append(f"reports {reported.samples} samples, {rows} are in the file")
         lines, came = after["pass1.log"].count(b"\n"), sum(isinstance(what, can.Message) for _, what in world.due[: world.position])
         if ended == "complete" and not world.disk and lines != came:
             wrong.append(f"{came} frames came, the log has {lines}")
@@ -517,7 +283,7 @@ def _judged(world: World, rig: Rig, folder: Path, after: dict[str, bytes], ended
     if not same.all():
         yield "samples are not as they were shown"
     yield from _true(world, counts.time_s, counts.recorded, ended == "complete" and not world.disk)
-    yield from _again(world, rig, folder, counts.recorded, done)
+    yield from _again(world, rig, folder, counts.time_s, counts.recorded, done)
 
 
 def _true(world: World, time_s: FloatArray, recorded: FloatArray, complete: bool) -> Iterator[str]:
@@ -557,17 +323,20 @@ def _true(world: World, time_s: FloatArray, recorded: FloatArray, complete: bool
             yield f"{empty} empty cells though their frames came"
 
 
-def _again(world: World, rig: Rig, folder: Path, recorded: FloatArray, done: bool) -> Iterator[str]:
+def _again(world: World, rig: Rig, folder: Path, time_s: FloatArray, recorded: FloatArray, done: bool) -> Iterator[str]:
     """Import the frames that were kept: they give the same counts."""
     try:
-        again = import_logs([folder / "pass1.log"], rig, None).run.passes[0].recorded
+        imported = import_logs([folder / "pass1.log"], rig, None).run.passes[0]
     except LMeasureError as error:
         if not np.isnan(recorded).all(axis=0).any():  # an import refuses a channel without a count
             yield f"the log cannot be imported: {error}"
         return
+    again = imported.recorded
     if len(again) < len(recorded) or (done and not world.disk and len(again) != len(recorded)):
         yield f"the log gives {len(again)} samples, the recording {len(recorded)}"
     n = min(len(again), len(recorded))
+    if not world.disk and not world.faults and n and np.abs(imported.time_s[:n] - time_s[:n]).max() > 2e-6:
+        yield "the log gives other times"
     differ = ~((again[:n] == recorded[:n]) | (np.isnan(again[:n]) & np.isnan(recorded[:n])))
     if world.disk or world.faults:  # the end is another, and so is what it shows of earlier samples
         differ &= ~np.isnan(again[:n]) & ~np.isnan(recorded[:n])

@@ -101,21 +101,20 @@ class CaptureFolder:
         return self.path / "frames" / str(recording)
 
     def add(self, reading: Reading) -> None:
-        """Keep a reading, on the disk too."""
-        self.readings.append(reading)
-        self._write_counts()
+        """Keep a reading, on the disk first: one that cannot be written is none."""
+        self._keep([*self.readings, reading])
 
     def take_back(self) -> Reading:
         """Forget the last reading of the pass; its frames stay where they are."""
         reading = self.of_pass[-1]
-        self.readings = [r for r in self.readings if r is not reading]
-        self._write_counts()
+        self._keep([r for r in self.readings if r is not reading])
         return reading
 
     def note(self, text: str) -> None:
         """Record an action beside readings."""
-        self.notes.append(text)
-        files.write_toml(self.path / "capture.toml", {"schema": SCHEMA, "note": self.notes})
+        notes = [*self.notes, text]
+        files.write_toml(self.path / "capture.toml", {"schema": SCHEMA, "note": notes})
+        self.notes = notes
 
     def state_uncertainty(self, stated: Mapping[str, float]) -> None:
         """Write how well the poses are known into reference_poses.csv: values by the names in `UNCERTAINTIES`."""
@@ -127,21 +126,23 @@ class CaptureFolder:
         count = len(columns["pose"])
         files.write_table(path, columns | {name: np.full(count, value) for name, value in stated.items()})
 
-    def _write_counts(self) -> None:
+    def _keep(self, readings: list[Reading]) -> None:
         path = self.path / "counts.csv"
-        if not self.readings:
+        if not readings:
             path.unlink(missing_ok=True)
+            self.readings = []
             return
-        columns: dict[str, Any] = {"pose": [r.pose for r in self.readings for _ in r.time_s]}
+        columns: dict[str, Any] = {"pose": [r.pose for r in readings for _ in r.time_s]}
         if self.rig.passes > 1:
-            columns["pass"] = np.concatenate([np.full(len(r.time_s), r.passage) for r in self.readings])
-        every = np.vstack([r.counts for r in self.readings])
+            columns["pass"] = np.concatenate([np.full(len(r.time_s), r.passage) for r in readings])
+        every = np.vstack([r.counts for r in readings])
         codes = self.modulus > 0.0
         every[:, codes] %= self.modulus[codes]  # as the encoder shows them
         columns |= {name: _whole(every[:, j]) for j, name in enumerate(self.channels)}
-        columns["recording"] = np.concatenate([np.full(len(r.time_s), r.recording) for r in self.readings])
-        columns["time_s"] = np.concatenate([r.time_s for r in self.readings])
+        columns["recording"] = np.concatenate([np.full(len(r.time_s), r.recording) for r in readings])
+        columns["time_s"] = np.concatenate([r.time_s for r in readings])
         files.write_table(path, columns)
+        self.readings = readings
 
 
 def open_folder(
