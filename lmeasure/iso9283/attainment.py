@@ -15,7 +15,7 @@ from lmeasure.iso9283.paths import LEAST_PLANES, Crossings, crossings
 from lmeasure.iso9283.uncertainty import Moving, Part, most_planes
 from lmeasure.recording import Program, Windows, read_program
 from lmeasure.text import Message, message
-from lmeasure.trajectory import AttainedPose, Frame, Stamps, Trajectory, attain, window, worst_angle
+from lmeasure.trajectory import AttainedPose, Frame, Stamps, Trajectory, attain, in_frame, window, worst_angle
 
 
 def fit_frame(poses: Sequence[AttainedPose]) -> FloatArray:
@@ -41,13 +41,8 @@ def in_program_frame(trajectory: Trajectory, path: Path) -> Trajectory:
     if not any(pose.windows_s for pose in program.pose):
         raise CertificationError(message("error.states_no_windows_of", where=path))
     frame = fit_frame(list(_poses(trajectory, program, Frame(np.zeros(3)), STILL_MM).values()))
-    turn = se3.rotation(frame).inv()
-    moved = np.full_like(trajectory.poses, np.nan)
-    moved[:, :3] = turn.apply(trajectory.poses[:, :3] - frame[:3])
-    known = ~np.isnan(trajectory.poses[:, 3])
-    if known.any():
-        moved[known, 3:] = (turn * se3.rotation(trajectory.poses[known])).as_quat(canonical=True)
-    both = np.kron(np.eye(2), turn.as_matrix())
+    both = np.kron(np.eye(2), se3.rotation(frame).inv().as_matrix())
+    moved = in_frame(frame, trajectory.poses)
     return replace(trajectory, poses=moved, random=both @ trajectory.random @ both.T, systematic=both @ trajectory.systematic @ both.T)
 
 

@@ -410,8 +410,7 @@ def _correlation(spreads: Sequence[Spread]) -> FloatArray:
 def _unstated(trajectory: Trajectory, settings: CertificationSettings) -> tuple[str, ...]:
     """Return the parts of a foreign trajectory without a stated uncertainty; "position" leaves all results without a verdict, "deg" those
     in that unit."""
-    moves = any(settings.tool_offset_mm) or settings.align
-    if "position" in trajectory.absent or ("rotation" in trajectory.absent and moves):
+    if "position" in trajectory.absent or ("rotation" in trajectory.absent and any(settings.tool_offset_mm)):
         return ("position",)
     return ("deg",) if "rotation" in trajectory.absent else ()
 
@@ -425,7 +424,7 @@ def _check(trajectory: Trajectory, program: Program, settings: CertificationSett
         i = int(back[0]) + 1
         raise CertificationError(message("error.sample_of_the_trajectory", i=i, time_s=trajectory.time_s[i]))
     measured = not (np.isnan(trajectory.poses[:, 3]).all() and not np.isnan(trajectory.poses[:, 0]).all())
-    if not measured and (settings.align or any(settings.tool_offset_mm)):
+    if not measured and any(settings.tool_offset_mm):
         raise CertificationError(message("error.the_trajectory_has_no"))
     for name in ("capability", "planes", "still_mm", "trials"):
         if not getattr(settings, name) > 0:

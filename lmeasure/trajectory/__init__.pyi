@@ -23,6 +23,7 @@ from .motion.attained_poses import (
     AttainedPose as AttainedPose,
     Frame as Frame,
     attain as attain,
+    in_frame as in_frame,
     mean_pose as mean_pose,
     moved as moved,
     rests as rests,

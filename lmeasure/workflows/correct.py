@@ -333,7 +333,9 @@ class ProgramSettings(Writing):
     def following(self) -> str:
         if self.ran is None:
             return then("record rig.toml --bus socketcan:can0 --out run")
-        return then("certify {ran} --program {out}/program.toml --out certificate", ran=self.ran, out=self.out)
+        same = " --align" * self.align + " --columns {columns}" * bool(self.columns)
+        words = "certify {ran} --program {out}/program.toml" + same + " --out certificate"
+        return then(words, ran=self.ran, out=self.out, columns=self.columns)
 
     def paths(self) -> Paths:
         if self.ran is not None:

@@ -1,5 +1,6 @@
 """Windows of a program from a tracker's file: under its own names, in its own frame, with rows that lie off, or another motion."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -145,6 +146,27 @@ def test_a_certificate_in_three_commands_from_a_trackers_own_frame(folder: Path)
     first = pd.read_csv(TABLES / "commands.csv")[["x_mm", "y_mm", "z_mm"]].to_numpy()[0]
     np.testing.assert_allclose(moved.loc[inside, ["x_mm", "y_mm", "z_mm"]].mean(), first, atol=0.02)
     np.testing.assert_allclose(np.abs(moved.loc[inside, "qw"]), 1.0, atol=1e-3)
+
+
+def test_positions_alone_are_certified_in_their_own_frame(folder: Path) -> None:
+    t, p, _ = robot()
+    results = {}
+    for name, positions, own in (("base", p, ()), ("seen", np.asarray(TURNED.apply(p) + MOVED), ("--align",))):
+        (folder / name).mkdir()
+        for file in ("program.toml", "commands.csv"):
+            (folder / name / file).write_bytes((folder / file).read_bytes())
+        table = folder / f"{name}.csv"
+        pd.DataFrame({"time_s": t, "x_mm": positions[:, 0], "y_mm": positions[:, 1], "z_mm": positions[:, 2]}).to_csv(table, index=False)
+        said = ran("program", "--out", folder / name, "--ran", table, *own)
+        assert all(word in said for word in own), said  # the next command is one that can be copied
+        words = ["certify", table, "--program", folder / name / "program.toml", "--align", "--trials", "100", "--u-position-mm", "0.01"]
+        ran(*words, "--out", folder / f"c-{name}")
+        found = json.loads((folder / f"c-{name}" / "certificate.json").read_text())["characteristics"]
+        results[name] = {(c["name"], c["pose"]): (c["value"], c["u95"]) for c in found if "pose" in c}
+    assert results["base"].keys() == results["seen"].keys() >= {("AP_p", "P1"), ("RP_l", "P5")}
+    for key, (value, u95) in results["base"].items():
+        if key[0] in ("AP_p", "RP_l"):  # the same in every frame
+            assert results["seen"][key] == (pytest.approx(value, abs=1e-3), pytest.approx(u95, rel=0.4)), key
 
 
 def test_the_pace_of_a_run_is_told(folder: Path) -> None:

@@ -90,7 +90,7 @@ class Frame:
         if self.tool_mm.any():
             out = np.concatenate([se3.apply(out, self.tool_mm), out[:, 3:]], axis=1)
         if self.base_from_program is not None:
-            out = se3.between(self.base_from_program, out)
+            out = in_frame(self.base_from_program, out)
         return out
 
     def of_errors(self, poses: FloatArray, errors: PoseErrors) -> PoseErrors:
@@ -100,6 +100,14 @@ class Frame:
             turned = se3.pose(np.zeros(3), se3.rotation(self.base_from_program).inv())
             matrices = se3.adjoint(turned) @ matrices
         return errors.moved(matrices)
+
+
+def in_frame(base_from_frame: FloatArray, poses: FloatArray) -> FloatArray:
+    """(n, 7) poses in another frame; a pose without an orientation keeps its position alone."""
+    out, known = np.full_like(poses, np.nan), ~np.isnan(poses[:, 3])
+    out[known] = se3.between(base_from_frame, poses[known])
+    out[~known, :3] = se3.rotation(base_from_frame).inv().apply(poses[~known, :3] - base_from_frame[:3])
+    return out
 
 
 @dataclass(frozen=True)
