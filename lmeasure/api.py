@@ -98,7 +98,7 @@ def calibrate(
     elif isinstance(campaign, Path | str):
         campaign = read_campaign(Path(campaign))
     elif not isinstance(campaign, Campaign):
-        raise _wrong("campaign", campaign, "a calibration folder, a Campaign, or what `simulate` gives")
+        raise _wrong("campaign", campaign, "a calibration folder, a Campaign, or the result of `simulate`")
     return calibration_calibrate(campaign, _with("calibrate", settings or calibration_CalibrationSettings(), options), progress)
 
 
@@ -784,7 +784,7 @@ def _run(run: "Run | Alignment | SimulatedRun | Simulated | File", rig: "Rig | C
     if isinstance(found, SimulatedRun):
         found = found.run
     if not isinstance(found, Run | Alignment):
-        raise _wrong("run", found, "a run folder, a Run, or what `simulate` gives")
+        raise _wrong("run", found, "a run folder, a Run, or the result of `simulate`")
     if rig is None:
         return found
     used, record = _linked(rig)
@@ -801,7 +801,7 @@ def _with(stage: str, settings: Given, options: Mapping[str, Any], *others: str)
 
 
 def _wrong(name: str, given: object, wanted: str) -> TypeError:
-    return TypeError(f"{name} is {type(given).__name__}; wanted is {wanted}")
+    return TypeError(f"{name} must be {wanted}, not {type(given).__name__}")
 
 
 def _there(part: Given | None, key: str) -> Given:

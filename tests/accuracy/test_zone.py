@@ -220,4 +220,4 @@ def test_run_out_counts_by_the_turns_of_its_drum_on_the_mean_over_places() -> No
     np.testing.assert_allclose(found, expected, rtol=1e-6)
     said = covers(rig, None)
     assert "the uncertainty of run-out of drums" in said
-    assert said.endswith("all for changes of length since zeroing at the start pose; the rig has no linked calibration")
+    assert said.endswith("all for changes of length since zeroing at the start pose. The rig has no linked calibration")

@@ -44,7 +44,7 @@ def test_a_table_is_written_as_it_was_read() -> None:
         ({"decoder": "raw", "channel": [{"channel": "ch1", "id": 0x800}]}, "[can.channel ch1].id: 0x800 has more than 11 bits"),
         ({"decoder": "raw", "channel": [{"channel": "ch1", "id": 1, "bits": 12}]}, "[can.channel ch1].bits: must be 16, 24, 32 or 64"),
         ({"decoder": "raw", "channel": [{"channel": "ch1", "id": 1, "byte_offset": 62}]}, "32 bits from byte 62 do not fit a frame"),
-        ({"decoder": "raw", "channel": [{"channel": "ch1", "id": 1, "byteorder": "big"}]}, "did you mean 'byte_order'"),
+        ({"decoder": "raw", "channel": [{"channel": "ch1", "id": 1, "byteorder": "big"}]}, "Did you mean 'byte_order'"),
         ({"decoder": "raw", "channel": [{"channel": "ch2", "id": 1}]}, "channel 'ch1' of the rig is missing"),
         ({"decoder": "raw", "channel": [{"channel": "ch1", "id": 1}, {"channel": "ch1", "id": 2}]}, "channel 'ch1' is given 2 times"),
         ({"decoder": "cia406", "channel": [{"channel": "ch1", "node": 128}]}, "[can.channel ch1].node: must be at most 127"),

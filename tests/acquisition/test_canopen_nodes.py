@@ -151,7 +151,7 @@ def test_two_encoders_that_come_back_in_each_others_places_end_the_recording(tmp
 
 
 def test_an_empty_bus_and_a_simulated_cell_have_nobody_to_ask(tmp_path: Path) -> None:
-    with pytest.raises(AcquisitionError, match=r"node 5 .channel ch1. does not answer; no node answers at all"):
+    with pytest.raises(AcquisitionError, match=r"node 5 .channel ch1. does not answer .no node answers at all."):
         connect(rig_of(), tmp_path, f"virtual:{virtual_place()}")
     with pytest.raises(AcquisitionError, match=r"need CANopen .decoder 'cia406'., which the simulated cell does not have"):
         connect(rig_of(), tmp_path, "simulated:scenario.toml")

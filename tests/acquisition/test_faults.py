@@ -49,7 +49,7 @@ def test_dropped_frames_leave_empty_cells(tmp_path: Path) -> None:
     each = {f"ch{c}": n for c in range(1, 7) if (n := int((channels == c).sum()))}
     assert recording.missing == each
     line = ", ".join(f"{c} in {n}" for c, n in each.items())
-    assert f"{line} of {N} samples have no counts; check the encoder, its plug and its cable" in recording.summary().splitlines()
+    assert f"{line} of {N} samples have no counts: check the encoder, its plug and its cable" in recording.summary().splitlines()
     np.testing.assert_allclose([float(t) for t in events["time_s"]], run.passes[0].time_s[[int(s) for s in events["sample"]]], atol=2e-6)
     rows = list(zip(events["kind"], events["sample"], events["channel"], events["outcome"], strict=True))
     reported = {(int(s), c) for kind, s, c, outcome in rows if kind == "gap" and outcome == "marked"}

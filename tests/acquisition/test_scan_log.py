@@ -59,11 +59,11 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_dialect_and_what_its_times_are_is_told(log: Path, tmp_path: Path) -> None:
     scan = scan_log(log)
-    assert scan.lines()[0].endswith(f"s; candump -L file, {scan.times}")
+    assert scan.lines()[0].endswith(f"s, candump -L file, {scan.times}")
     screen = tmp_path / "seen.txt"
     screen.write_text("".join(f" (1700000000.{k:02d}0000)  can0  181   [4]  {k:02X} 00 00 00\n" for k in range(30)))
     (line, *_) = scan_log(screen).lines()
-    assert line == f"{screen}: 30 frames in 0.29 s; candump screen output, times of day"
+    assert line == f"{screen}: 30 frames in 0.29 s, candump screen output, times of day"
 
 
 def test_the_guess_is_the_table_that_the_log_was_written_by(log: Path, tmp_path: Path) -> None:
@@ -162,9 +162,9 @@ def test_the_command_scans_without_a_rig_and_asks_for_one_otherwise(log: Path) -
 @pytest.mark.parametrize(
     ("words", "reported"),
     [
-        (["--position-mm", "0", "0", "0"], "How the tool was turned is missing: give --quaternion-xyzw too, or all by --start X,Y,Z,O,A,T"),
-        (["--quaternion-xyzw", "0", "0", "0", "1"], "Where the tool was is missing: give --position-mm too"),
-        (["--start", "0,0,0,0,-90,90", "--position-mm", "0", "0", "0"], "is given, and so is --position-mm"),
+        (["--position-mm", "0", "0", "0"], "The tool orientation is missing: give --quaternion-xyzw too, or all by --start X,Y,Z,O,A,T"),
+        (["--quaternion-xyzw", "0", "0", "0", "1"], "The tool position is missing: give --position-mm too"),
+        (["--start", "0,0,0,0,-90,90", "--position-mm", "0", "0", "0"], "is given together with --position-mm"),
         (["--start", "0,0,0,0,-90"], "'0,0,0,0,-90' is 5 numbers. Wanted are x,y,z in mm and three angles"),
     ],
 )

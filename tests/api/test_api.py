@@ -41,12 +41,12 @@ def test_what_is_no_option_or_no_such_object_is_named() -> None:
     with pytest.raises(TypeError, match=r"plan_poses\(\) has no option 'count'; options: poses, "):
         lm.plan_poses(CELL / "rig.toml", box=[(0.0, 1.0)] * 3, count=3)
     run: Any = lm.read_run(CELL)
-    with pytest.raises(TypeError, match="campaign is Run; wanted is a calibration folder, a Campaign, or what `simulate` gives"):
+    with pytest.raises(TypeError, match="campaign must be a calibration folder, a Campaign, or the result of `simulate`, not Run"):
         lm.calibrate(run)
     rig: Any = run.rig
-    with pytest.raises(TypeError, match="run is Rig; wanted is a run folder, a Run, or what `simulate` gives"):
+    with pytest.raises(TypeError, match="run must be a run folder, a Run, or the result of `simulate`, not Rig"):
         lm.reconstruct(rig)
-    with pytest.raises(TypeError, match=r"rig is Run; wanted is a rig.toml, a Rig or a Calibration"):
+    with pytest.raises(TypeError, match=r"rig must be a rig.toml, a Rig or a Calibration, not Run"):
         lm.zone(run, *box)
     with pytest.raises(TypeError, match=r"plan_program\(\) has no option 'cube'; options: tests, "):
         lm.plan_program((0.0, 0.0, 0.0), (9.0, 9.0, 9.0), cube=3)
@@ -241,7 +241,7 @@ def test_keywords_are_the_settings(nouns: dict[str, Any]) -> None:
     with pytest.raises(TypeError, match=r"evaluate\(\) has no option 'capabilty'; options: .*capability"):
         lm.evaluate(nouns["trajectory"], poses, capabilty=0.5)
     assert lm.zone(nouns["rig"], AXIS, AXIS, np.array([0.0]), angle_deg=30.0).attrs["limit_deg"] == 30.0
-    with pytest.raises(CalibrationError, match="state where the robot may go"):
+    with pytest.raises(CalibrationError, match="state the region of the robot"):
         lm.plan_poses(nouns["rig"])
     plan = lm.plan_program([0.0] * 3, [100.0] * 3, tests=("pose",), cycles={"pose": 2}, speeds_percent=(100.0,))
     assert [p.name for p in plan.program.pose] == ["P1", "P2", "P3", "P4", "P5"]

@@ -312,7 +312,7 @@ def test_command_writes_poses_that_calibrate(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "code", "text"),
     [
-        (["--poses", "4"], 2, "state where the robot may go"),
+        (["--poses", "4"], 2, "state the region of the robot"),
         (["--poses", "4", "--box", "0:1,0:1"], 2, "is not X0:X1"),
         (["--poses", "4", "--box", "0:1,0:1,0:x"], 2, "is not two numbers"),
         (["--poses", "4", "--box", "0:9,0:9,0:9", "--criterion", "X"], 2, "is not one of"),

@@ -38,7 +38,7 @@ def test_a_table_of_another_program_is_the_same_campaign(tmp_path: Path) -> None
     assert got.poses.rows == pytest.approx(ours.poses.rows, abs=1e-8)
     assert got.counts == pytest.approx(ours.counts)
     assert "position" in got.poses.absent
-    with pytest.raises(LMeasureError, match=r"column 'pose' is missing. It has Größe Punkt, X, .*assign the columns with --columns"):
+    with pytest.raises(LMeasureError, match=r"column 'pose' is missing. It has Größe Punkt, X, .*Assign the columns with --columns"):
         read_campaign(other, columns_of(""))
 
 

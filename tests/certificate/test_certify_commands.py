@@ -47,7 +47,7 @@ def test_certify_verify_compare(campaign: Path, tmp_path: Path) -> None:
     )
     assert code == 0, text
     assert text.startswith("Протокол испытаний робота, ISO 9283:1998 LM-")
-    assert "\nХарактеристик: 52, из них с U95, достаточно малой для решения: " in text
+    assert "\nХарактеристик: 52, из них с U95, достаточно малой для заключения: " in text
     assert len(text.splitlines()) < 20
     for target in (out, tmp_path / "c.zip"):
         code, text = code_and_text("verify", target, "--public-key", f"{key}.pub")

@@ -18,7 +18,7 @@ from lmeasure.text import Lines, message
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        ("zone rig.toml --out z.nc --limit-deg 0,5", "'--limit-deg': must be a number, is '0,5'; a number has a point"),
+        ("zone rig.toml --out z.nc --limit-deg 0,5", "'--limit-deg': must be a number, is '0,5'. Write numbers with a decimal point"),
         ("plan-poses rig.toml --out p.csv --poses 3.5", "'--poses': must be a whole number, is '3.5'"),
         ("plan-poses rig.toml --out p.csv --poses 0", "'--poses': must be at least 1, is '0'"),
         ("zone rig.toml --out z.nc --tilt-steps 0", "'--tilt-steps': must be at least 1, is '0'"),

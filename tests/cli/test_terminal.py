@@ -171,7 +171,7 @@ def test_a_person_checks_and_captures_on_a_narrow_terminal(tmp_path: Path, bench
         shown.until("поза 1 (1 из 3)")
         shown.until("покой")
         shown.type("\r")
-        shown.until("считано: по")
+        shown.until("считано: отсчётов")
         shown.until("поза 2 (2 из 3)")
         person.do("pose 2 (2 of 3)")
         shown.until("движение")
@@ -197,7 +197,7 @@ def test_a_person_checks_and_captures_on_a_narrow_terminal(tmp_path: Path, bench
 
 
 def test_no_line_is_wider_than_it_may_be() -> None:
-    long = "  U95 by now: lengths 0.29 mm rms, 2.1 at worst (c2), position 0.62; 7 of 30 parameters still have their nominal value"
+    long = "  U95 by now: lengths 0.29 mm rms, 2.1 at worst (c2), position 0.62. 7 of 30 parameters still have their nominal value"
     lines = terminal.fitted(long, 40)
     assert all(len(line) <= 40 for line in lines)
     assert " ".join(line.strip() for line in lines) == long.strip()

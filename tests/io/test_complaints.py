@@ -50,11 +50,11 @@ def test_all_complaints_of_a_rig_have_their_lines(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError) as caught:
         read_rig(path)
     assert lines_of(caught.value, path) == [
-        f":{number[WEATHER]}: weather: unknown key 'weather'; known here: " + ", ".join(known_keys(Rig)),
+        f":{number[WEATHER]}: weather: unknown key 'weather'. Known here: " + ", ".join(known_keys(Rig)),
         f":{number['guide_alpha_deg = 147.0']}: [observation_point B1].guide_alpha_deg: must be at most 90, is 147.0",
         f":{number['tangent_length_mm = -3']}: [observation_point B1].drum.tangent_length_mm: must be at least 0, is -3",
-        f":{number['groove_pich_mm = -1.5']}: [observation_point B2].drum.groove_pich_mm: unknown key 'groove_pich_mm'; "
-        "did you mean 'groove_pitch_mm'?",
+        f":{number['groove_pich_mm = -1.5']}: [observation_point B2].drum.groove_pich_mm: unknown key 'groove_pich_mm'. "
+        "Did you mean 'groove_pitch_mm'?",
         f":{number['P2 = [100, 0]']}: tool.P2: number 3 is missing",
         f":{number[FROM]}: [cable c2].from: 'B7' is no observation_point (B1, B2)",
     ]

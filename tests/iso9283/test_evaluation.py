@@ -195,7 +195,7 @@ def test_rests_that_are_not_the_programs(what: str) -> None:
     for pose in program["pose"]:
         del pose["windows_s"]
     said = {
-        "missing": "pose P3: is rested at 2 times.*state windows_s of the cycles that are whole",
+        "missing": "pose P3: the trajectory has 2 rests at it.*state windows_s of the complete cycles",
         "far": "no rest within",
         "cycles": "found 3 cycles in the trajectory. The program states 5",
     }

@@ -308,7 +308,7 @@ def test_around_a_bent_needle_one_goes_on_along_its_other_side(way: float) -> No
 
 def test_where_a_boundary_cannot_be_looked_from_is_said() -> None:
     bounds = limits(within(10.0, 10.5))
-    with pytest.raises(StructureError, match="keeps not all limits itself"):
+    with pytest.raises(StructureError, match="starting position itself is outside the limits"):
         boundary(bounds, PLANE, np.array([1.0, 0.0]), 1.0)
     with pytest.raises(StructureError, match="nothing is met within 40 mm in that direction"):
         boundary(limits(within(50.0)), PLANE, np.array([1.0, 0.0]), 1.0)

@@ -232,7 +232,7 @@ def test_what_cannot_be_bounded_is_refused() -> None:
     bounds, plane = at_level(0.0, None)
     with pytest.raises(StructureError, match="nothing is met within 40 mm"):
         boundary(bounds, plane, np.array([0.0, 1.0]), 0.2)
-    with pytest.raises(StructureError, match="keeps not all limits"):
+    with pytest.raises(StructureError, match="starting position itself is outside the limits"):
         boundary(Bounds(BASE, BODY, HERE, np.radians(10.0)), plane, np.array([0.0, -1.0]), 0.2)
 
 

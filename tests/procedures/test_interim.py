@@ -188,7 +188,7 @@ def test_false_alarms_are_as_rare_as_stated() -> None:
 
 def test_what_is_no_check_is_refused() -> None:
     run, _ = run_of(true_rig(), 0)
-    with pytest.raises(TrajectoryError, match="P9' is none of the places"):
+    with pytest.raises(TrajectoryError, match="P9' is none of the positions"):
         check_instrument(run, (Distance("P1", "P9", 1.0, 0.1),), LIMITS)
     short = replace(run, passes=tuple(replace(p, time_s=p.time_s[:20], recorded=p.recorded[:20]) for p in run.passes))
     with pytest.raises(TrajectoryError, match=r"is at rest \d time"):

@@ -49,7 +49,7 @@ def test_a_program_that_has_not_run_says_approaches_and_forces_all_the_same(tmp_
         ("weave_stroke_mm = 5.0", "", "a weave is a linear path"),
         ("end_mm = [100.0, 0.0, 0.0]", "end_mm = [0.0, 0.0, 0.0]", "is the one before it again"),
         ("speed_mm_s = 50.0", "radius_mm = 50.0", "has no radius_mm"),
-        ("speed_mm_s = 50.0", "speed_mms = 50.0", "unknown key 'speed_mms'; did you mean 'speed_mm_s'"),
+        ("speed_mm_s = 50.0", "speed_mms = 50.0", "unknown key 'speed_mms'. Did you mean 'speed_mm_s'"),
         ("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0, 1.1]", "is not of length 1 but 1.1"),
         ("cycles = 2", 'cycles = "2"', "cycles: must be a whole number"),
     ],

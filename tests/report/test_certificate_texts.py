@@ -24,8 +24,8 @@ def test_the_verdict_of_a_component_alone_stands_beside_that_of_its_vector() -> 
         ("en", True, False): "U95 small enough; alone no verdict",
         ("en", False, True): "no verdict (uncertainty); alone small enough",
         ("en", True, True): "U95 small enough",
-        ("ru", True, False): "U95 достаточно мала; сама по себе без решения",
-        ("ru", False, False): "без решения (неопределённость)",
+        ("ru", True, False): "U95 достаточно мала; сама по себе без заключения",
+        ("ru", False, False): "без заключения (неопределённость)",
     }
     for (language, of_vector, alone), text in reported.items():
         assert say.verdict(language, figure | {"capable": of_vector, "capable_alone": alone}) == text
@@ -130,7 +130,7 @@ def test_the_ellipse_holds_what_it_says() -> None:
     [
         ('schema = "lmeasure.report/2"', "schema"),
         ('schema = "lmeasure.report/1"\nlab = "x"', "unknown key 'lab'"),
-        ('schema = "lmeasure.report/1"\n[laboratory]\nnam = "x"', "did you mean 'name'"),
+        ('schema = "lmeasure.report/1"\n[laboratory]\nnam = "x"', "Did you mean 'name'"),
         ('schema = "lmeasure.report/1"\nlocation = "a\\u0000b"', "printable"),
         ('schema = "lmeasure.report/1"\nlocation = " "', "must not be empty"),
         ('schema = "lmeasure.report/1"\n[dates]\nissued = "tomorrow"', "must be a date"),

@@ -104,7 +104,7 @@ REFUSALS = [
     ({"groove_pitch_mm": -1.5}, "groove_pitch_mm: must be positive"),
     ({"cable_end_mm": "5"}, "cable_end_mm: must be a number, is '5'"),
     ({"u_cable_end_mm": -1}, "u_cable_end_mm: must be at least 0"),
-    ({"pulley_plane_cm": 4}, "unknown key 'pulley_plane_cm'; the unit is part of the name: 'pulley_plane_mm'"),
+    ({"pulley_plane_cm": 4}, "unknown key 'pulley_plane_cm'. The unit is part of the name: 'pulley_plane_mm'"),
     ({"centre_distance_mm": math.nan}, "centre_distance_mm: must be a finite number"),
 ]
 
@@ -158,7 +158,7 @@ def test_the_command(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(test_rig.RIG.replace('"demo"', '"demo"\ncalibration = "calibration.json"', 1))
     arguments = ["drum", str(tmp_path / "drums.toml"), "--rig", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "out.toml")]
     done = ran(*arguments, "--point", "B1")
-    assert "B1: tangent 149.757 mm (u not stated), axial offset 20.000 mm (u 0.300), 0.012 mm per count; groove angle 1.194 deg" in done
+    assert "B1: tangent 149.757 mm (u not stated), axial offset 20.000 mm (u 0.300), 0.012 mm per count, groove angle 1.194 deg" in done
     assert "note: the link to calibration.json is removed, because it belongs to the earlier drums. Calibrate again" in done
     rig = read_rig(tmp_path / "out.toml")
     assert rig.point("B1").drum.tangent_length_mm == pytest.approx(149.756507, abs=1e-6)

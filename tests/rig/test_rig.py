@@ -122,11 +122,11 @@ def drop(*path: Any) -> Callable[[dict[str, Any]], None]:
 B2 = ("observation_point", 1)
 REFUSALS: list[tuple[Callable[[dict[str, Any]], None], str]] = [
     (put("foo", 1), "unknown key 'foo'"),
-    (put(*B2, "position_m", [1, 2, 3]), "unknown key 'position_m'; the unit is part of the name: 'position_mm'"),
-    (put(*B2, "guide_alpha_rad", 1), "unknown key 'guide_alpha_rad'; the unit is part of the name: 'guide_alpha_deg'"),
+    (put(*B2, "position_m", [1, 2, 3]), "unknown key 'position_m'. The unit is part of the name: 'position_mm'"),
+    (put(*B2, "guide_alpha_rad", 1), "unknown key 'guide_alpha_rad'. The unit is part of the name: 'guide_alpha_deg'"),
     (
         put(*B2, "drum", "groove_pich_mm", 1),
-        "[observation_point B2].drum.groove_pich_mm: unknown key 'groove_pich_mm'; did you mean 'groove_pitch_mm'?",
+        "[observation_point B2].drum.groove_pich_mm: unknown key 'groove_pich_mm'. Did you mean 'groove_pitch_mm'?",
     ),
     (put("cable", 0, "from_point", "B1"), "[cable c1].from_point: unknown key 'from_point'"),
     (put(*B2, "pulley_radius_mm", "12"), "[observation_point B2].pulley_radius_mm: must be a number, is '12'"),
@@ -165,7 +165,7 @@ REFUSALS: list[tuple[Callable[[dict[str, Any]], None], str]] = [
     (put("name", "a\nb"), "name: must be one line of printable text"),
     (put("name", 5), "name: must be text, is 5"),
     (put("angles", "euler"), "angles: 'euler' is not one of puma-oat"),
-    (put("assumed", ["B1.pulley_radius"]), "assumed: 'B1.pulley_radius' names no value of this rig; did you mean 'B1.pulley_radius_mm'?"),
+    (put("assumed", ["B1.pulley_radius"]), "assumed: 'B1.pulley_radius' names no value of this rig. Did you mean 'B1.pulley_radius_mm'?"),
     (put("assumed", "B1"), "assumed: must be an array"),
     (put("cable", []), "cable: must not be empty"),
     (put("tool", {}), "tool: must not be empty"),
@@ -223,8 +223,8 @@ def test_attachment_points_on_one_line_tell_no_orientation(tool: dict[str, Any])
     [
         (b"", "schema: is missing"),
         (b"\xff\xfe", "is not UTF-8 text (byte 0). Save it as UTF-8"),
-        (RIG.replace("47.0", "47,5").encode(), "; a number has a point: 47.5"),
-        (RIG.replace('"B1"', '"B1').encode(), "; a text ends with a quotation mark on its line"),
+        (RIG.replace("47.0", "47,5").encode(), ". Write numbers with a decimal point: 47.5"),
+        (RIG.replace('"B1"', '"B1').encode(), ". A text ends with a quotation mark on its line"),
         (b"name = ", "is not TOML"),
         (b"x = " + b"9" * 5000, "is not TOML"),
         (b"a = " + b"[" * 100_000, "is not TOML"),

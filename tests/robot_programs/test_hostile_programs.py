@@ -230,9 +230,9 @@ def test_broken_bytes_never_end_in_a_fault_and_are_never_guessed(name: str, seed
         ("a.src", b"", "a.src: no target that can be corrected as krl"),
         ("a.src", "DEF A( )\r\n".encode("utf-16"), "a.src: no text of a controller: it has NUL bytes"),
         ("a.ls", bytes(range(1, 256)) * 8, "a.ls: no target that can be corrected as fanuc"),
-        ("a.mod", b"MODULE A\nMoveL [[1,2,3],[1,0,0,0]],v1,fine,tool0;", "the first that was left: a.mod:2: MoveL of line 2: neither"),
+        ("a.mod", b"MODULE A\nMoveL [[1,2,3],[1,0,0,0]],v1,fine,tool0;", "The first omitted one: a.mod:2: MoveL of line 2: neither"),
         ("a.script", b"movel(" * 3000, "a.script: no target that can be corrected as ur-script"),
-        ("a.csv", b"x_mm,y_mm,z_mm\n1,2,3\n", "the first that was left: a.csv:2: row 1: neither"),
+        ("a.csv", b"x_mm,y_mm,z_mm\n1,2,3\n", "The first omitted one: a.csv:2: row 1: neither"),
     ],
 )
 def test_a_file_without_a_target_is_one_line(tmp_path: Path, file: str, content: bytes, said: str) -> None:

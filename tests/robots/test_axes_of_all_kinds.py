@@ -61,7 +61,7 @@ def test_seven_axes_by_command(tmp_path: Path) -> None:
     write_table(tmp_path / "asked.csv", {"name": [f"A{i}" for i in range(40)], **dict(zip(keys, np.degrees(asked.T), strict=True))})
     said = ran("identify", "--robot", "generic7", "--measurements", tmp_path / "m.csv", "--out", tmp_path / "id", "--free", "links",
                "--predict", tmp_path / "asked.csv")  # fmt: skip
-    assert "30 rows; mean error" in said
+    assert "30 rows, mean error" in said
     determined = read_table(tmp_path / "id" / "predictions.csv")
     off = np.linalg.norm(determined.matrix(["x_mm", "y_mm", "z_mm"]) - places(true, asked, 0.02, 1)[:, :3], axis=1)
     assert np.mean(off <= determined.numbers("u95_mm")) >= 0.85

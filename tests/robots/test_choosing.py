@@ -88,7 +88,7 @@ def test_play_is_told_and_freed_only_when_asked_for() -> None:
     found = identify_with_choice(NOMINAL, seen(built(0, PLANTED["backlash"]), 0))
     assert found.settings.free == ("links",)
     assert [(f.code, f.of) for f in found.findings] == [("worth-freeing", "backlash")]
-    assert found.findings[0].said.text("ru").startswith("backlash: объясняет")
+    assert found.findings[0].said.text("ru").startswith("backlash: уменьшает")
 
 
 def test_what_is_not_there_is_found_as_seldom_as_is_stated() -> None:

@@ -115,7 +115,7 @@ def test_regions_in_space_in_a_plane_and_on_a_line() -> None:
     assert inside(grid, grid).all()
 
 
-@pytest.mark.parametrize(("count", "text"), [(39, "needs 40 to 4000 points, not 39"), (40, "are at one place")])
+@pytest.mark.parametrize(("count", "text"), [(39, "needs 40 to 4000 points, not 39"), (40, "are at one position")])
 def test_what_is_no_map(count: int, text: str) -> None:
     with pytest.raises(RobotError, match=text):
         error_map(np.tile(MIDDLE, (count, 1)), np.zeros((count, 3)))

@@ -212,7 +212,7 @@ def test_markers_of_a_robot_at_its_rests(tmp_path: Path) -> None:
         ("NO_OF_FRAMES\t1\nFREQUENCY\t10\nDATA_INCLUDED\t6D\nMARKER_NAMES\tA\tB\tC\n", "Export the markers' places"),
         ("NO_OF_FRAMES\t1\nMARKER_NAMES\tA\tB\tC\n" + "1\t" * 8 + "1\n", "neither columns Frame and Time nor a FREQUENCY"),
         ("NO_OF_FRAMES\t1\nFREQUENCY\t10\nMARKER_NAMES\tA\tB\tC\n" + "1\t" * 8 + "x\n", "line 4: 'x' is no number"),
-        ("NO_OF_FRAMES\t1\nFREQUENCY\t10\nMARKER_NAMES\tA\tB\tC\n" + "1\t" * 9 + "1\n", "line 4: has 10 cells, 3 markers ask for 9"),
+        ("NO_OF_FRAMES\t1\nFREQUENCY\t10\nMARKER_NAMES\tA\tB\tC\n" + "1\t" * 9 + "1\n", "line 4: has 10 cells, but 3 markers need 9"),
         ("NO_OF_FRAMES\t1\nFREQUENCY\t10\nMARKER_NAMES\tA\tB\n" + "1\t2\t3\t4\t5\t6\n", "no frame shows 3 of its markers"),
         ("NO_OF_FRAMES\t1\nFREQUENCY\t10\nMARKER_NAMES\tA\tB\tC\n" + "1\t1\t1\t2\t2\t2\t3\t3\t3\n" * 3, "are on one line"),
         ("PathFileType\t4\t(X/Y/Z)\ta.trc\nRate\tUnits\n1\tft\nFrame#\tTime\tA\n\t\tX1\n1\t0\t1\n", "Units 'ft' is none of mm, cm, m"),

@@ -35,7 +35,7 @@ def test_what_is_written(tmp_path: Path) -> None:
     arguments = ["identify", "--robot", "ur5", "--measurements", str(measured), "--out", str(out), "--predict", str(asked), "--harmonics"]
     arguments += ["--rerun", str(tmp_path / "robot.rrd")]
     said = ran(*arguments)
-    assert "100 rows; mean error" in said
+    assert "100 rows, mean error" in said
     record = json.loads((out / "identified.json").read_text(encoding="utf-8"))
     n = len(record["parameters"])
     assert np.array(record["covariance"]).shape == (n, n)

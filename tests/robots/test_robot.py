@@ -210,7 +210,7 @@ def test_two_arms_ask_for_a_tip(tmp_path: Path) -> None:
     [
         ({"schema": "lmeasure.robot/2"}, "schema"),
         ({"joint": []}, "joint"),
-        ({"joint": [{"name": "a", "type": "revolute", "d": 3.0}]}, "joint a.*unknown key 'd'; the unit is part of the name: 'd_mm'"),
+        ({"joint": [{"name": "a", "type": "revolute", "d": 3.0}]}, "joint a.*unknown key 'd'. The unit is part of the name: 'd_mm'"),
         ({"joint": [{"name": "a", "type": "revolute", "min_deg": 10.0, "max_deg": -10.0}]}, "joint a: min_deg 10 is not below max_deg -10"),
         ({"joint": [{"name": "a", "type": "prismatic"}]}, "joint a.*min_mm.*is missing"),
         ({"joint": [{"name": "a", "type": "revolute"}] * 2}, "the name 'a' is given twice"),

@@ -146,7 +146,7 @@ def test_a_platform_of_three_freedoms_is_simulated_certified_and_identified_by_c
     motion = "motion = { dwell_s = 0.6, cycles = 2 }"
     robot = 'model = "crank-platform"\ncommands = "joints.csv"\nu_mm = 0.2\nu_deg = 0.02\nrepeatability_deg = 0.002'
     (tmp_path / "scenario.toml").write_text(f'schema = "lmeasure.scenario/1"\nrate_hz = 50.0\n{motion}\n[robot]\n{robot}\n')
-    assert "in robot/: nominal robot, joints.csv of its rests and program.toml of their poses; true robot in robot/true/" in run(
+    assert "in robot/: nominal robot, joints.csv of its rests and program.toml of their poses. True robot: robot/true/" in run(
         "simulate", tmp_path / "scenario.toml", "--out", tmp_path / "run"
     )
     folder = tmp_path / "run" / "robot"

@@ -49,7 +49,7 @@ def test_ten_readings_say_what_their_means_say(tmp_path: Path) -> None:
         assert found[name]["stays"] == 40
         assert found[name]["held_out"]["mean_mm"] == pytest.approx(0.18, abs=0.01)
     one, other = found["ten_readings"], found["means"]
-    assert "400 rows at 40 stays; mean error" in said["ten_readings"]
+    assert "400 rows at 40 stays, mean error" in said["ten_readings"]
     assert one["noise"]["reading_mm"] == pytest.approx(0.002, rel=0.05)
     assert [p["u"] for p in one["parameters"]] == pytest.approx([p["u"] for p in other["parameters"]], rel=0.02)
     assert one["freedom"] == pytest.approx(other["freedom"], rel=0.02)

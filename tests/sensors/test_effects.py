@@ -62,7 +62,7 @@ def test_a_rig_without_keys_has_no_effects_and_the_same_file() -> None:
         ({"u_cable_expansion_per_k": 1e-6}, "u_cable_expansion_per_k: is the uncertainty of cable_expansion_per_k"),
         ({"cable_tension_n": -5.0}, "cable_tension_n: must be positive"),
         ({"cable_expansion_per_k": 12.0}, "cable_expansion_per_k: must be at most 0.001"),
-        ({"cable_expansion": 1e-5}, "unknown key 'cable_expansion'; did you mean 'cable_expansion_per_k'"),
+        ({"cable_expansion": 1e-5}, "unknown key 'cable_expansion'. Did you mean 'cable_expansion_per_k'"),
         ({"cable_tension_n": 5.0, "u_cable_tension_n": 3.0}, "u_cable_tension_n: 3 is more than half of cable_tension_n, 5"),
         ({"u_cable_tension_change_n": 0.1}, "u_cable_tension_change_n: has an effect only with cable_stiffness_n"),
     ],

@@ -191,7 +191,7 @@ def test_errors_of_rigs_drawn_from_what_is_stated_are_what_is_stated(names: tupl
     [
         ("drum", {"u_count_length_mm": 0.01}, "u_count_length_mm: 0.01 is more than half of count_length_mm, 0.012"),
         ("drum", {"u_run_out_mm": -0.1}, "u_run_out_mm: must be at least 0"),
-        ("drum", {"u_friction_count": 8}, "unknown key 'u_friction_count'; did you mean 'u_friction_counts'"),
+        ("drum", {"u_friction_count": 8}, "unknown key 'u_friction_count'. Did you mean 'u_friction_counts'"),
         ("point", {"u_pulley_eccentricity_mm": 20.0}, "u_pulley_eccentricity_mm: 20 is more than half of pulley_radius_mm"),
         ("rig", {"u_attachment_mm": float("nan")}, "u_attachment_mm: must be"),
     ],

@@ -124,7 +124,7 @@ def test_a_scenario_becomes_a_run_folder_with_the_truth_beside_it(tmp_path: Path
         ('schema = "lmeasure.scenario/1"\n', "nothing to simulate"),
         ('schema = "lmeasure.scenario/2"\n', "schema"),
         (SCENARIO.replace("speed_mm_s = 800.0", "speed_m_s = 0.8"), "motion.speed_m_s: unknown key 'speed_m_s'"),
-        (SCENARIO.replace("cycles = 2", "cycles = 2\ndwel_s = 1"), "did you mean 'dwell_s'"),
+        (SCENARIO.replace("cycles = 2", "cycles = 2\ndwel_s = 1"), "Did you mean 'dwell_s'"),
         (SCENARIO.replace("0.99498743710662", "0.9"), "[waypoint 2].quaternion_xyzw: the quaternion's length is"),
         (SCENARIO.replace("seed = 7", 'rig = "absent.toml"'), "absent.toml"),
     ],

@@ -160,7 +160,7 @@ def test_what_cannot_be_read_is_named(name: str, text: str, determined: str, tmp
             "a.csv",
             "t,x_mm,y_mm,z_mm\n0,1,2,3\n",
             "t=t[s]",
-            "column 'time_s' is missing. It has t, x_mm, .*; choose one with --columns time=COLUMN.s.",
+            "column 'time_s' is missing. It has t, x_mm, .*. Choose one with --columns time=COLUMN.s.",
         ),
         (
             "a.csv",

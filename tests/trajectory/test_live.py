@@ -98,7 +98,7 @@ def test_what_live_does_not_do_is_said() -> None:
     run = read_run(AUTHORITY / "eight-run")
     with pytest.raises(TrajectoryError, match="its channels are not absolute"):
         LivePose(run.rig, None, unstated="exact")
-    with pytest.raises(TrajectoryError, match="leaves out the play of swivels"):
+    with pytest.raises(TrajectoryError, match="does not include the play of swivels"):
         LivePose(cell(swivel=[swivels[0] | {"point": "B1", "backlash_deg": 0.1}]), START, unstated="exact")
 
 

@@ -108,7 +108,7 @@ def test_without_an_absolute_channel_or_with_too_few_it_is_said(tmp_path: Path) 
     folder = copied("swivel-three", tmp_path)
     determined = (folder / "run.toml").read_text()
     (folder / "run.toml").write_text(re.sub(r"\[start\]\n(?:\w.*\n)+", "", determined))
-    needed = "of its absolute channels 3 can be read at once, with 6 channels in all: 6 absolute ones are needed, or one and 7"
+    needed = "At most 3 of its absolute channels can be read at once, with 6 channels in all. To find the start, 6 absolute channels are needed, or one and 7"
     assert needed in refused("reconstruct", folder, "--out", out)
     assert not out.exists()
 
@@ -141,7 +141,7 @@ def test_a_start_that_the_run_soon_contradicts_is_none(monkeypatch: pytest.Monke
     n = len(recorded)
     for j, sign in ((0, 1.0), (3, -1.0), (4, 1.0)):
         recorded[:, j] += np.rint(sign * 4000.0 * np.clip(np.arange(n) / n - 0.3, 0.0, 1.0))
-    with pytest.raises(TrajectoryError, match=r"3 of its channels absolute, fits no start that was found( beyond its first \d+ %)?: a"):
+    with pytest.raises(TrajectoryError, match=r"3 absolute channels, fits no start that was found( beyond its first \d+ %)?: a"):
         reconstruct(replace(run, passes=(replace(counts, recorded=recorded),)))
 
 
@@ -149,7 +149,7 @@ def test_what_a_motion_cannot_tell_of_a_start_is_said() -> None:
     run = with_swivels([0, 2, 4])
     (counts,) = run.passes
     still = replace(counts, time_s=counts.time_s[:40], recorded=np.repeat(counts.recorded[:1], 40, axis=0))
-    with pytest.raises(TrajectoryError, match="with 3 of its channels absolute, does not determine it: move the tool farther"):
+    with pytest.raises(TrajectoryError, match="with 3 absolute channels, does not determine it: move the tool farther"):
         reconstruct(replace(run, passes=(still,)))
 
 

@@ -126,8 +126,8 @@ def test_a_file_that_cannot_be_read_is_there(tmp_path: Path) -> None:
         page = asked.get("/rig")
         assert page.status_code == 200
         assert "This file cannot be used:" in page.text
-        assert "did you mean" in page.text
-        assert "did you mean" in asked.get("/scene?file=rig.toml").json()["error"]
+        assert "Did you mean" in page.text
+        assert "Did you mean" in asked.get("/scene?file=rig.toml").json()["error"]
 
 
 def shown_again(page: Page, what: str) -> None:

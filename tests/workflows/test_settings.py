@@ -65,7 +65,7 @@ def test_units_and_ranges_are_told_also_where_the_stage_checks_them() -> None:
         ("calibrate", {"neighbourhood_mm": 0.0}, "neighbourhood_mm: must be at least 0.001, is 0.0"),
         ("calibrate", {"frame": "robot"}, "frame: 'robot' is not one of rig, poses"),
         ("calibrate", {"rerun": Path("a.txt")}, "rerun: 'a.txt' does not end in .rrd"),
-        ("calibrate", {"sead": 1}, "sead: unknown key 'sead'; did you mean 'seed'?"),
+        ("calibrate", {"sead": 1}, "sead: unknown key 'sead'. Did you mean 'seed'?"),
         ("plan-poses", {"poses": 0}, "poses: must be at least 1, is 0"),
         ("plan-poses", {"box": "0:1,0:1"}, "box: '0:1,0:1' is not X0:X1,Y0:Y1,Z0:Z1"),
         ("plan-poses", {"passes": "1,x"}, "passes: '1,x' is not some whole numbers with ',' or a blank between them"),
