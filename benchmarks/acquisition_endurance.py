@@ -107,7 +107,7 @@ def page(records: list[dict[str, Any]]) -> tuple[str, bool]:
 STUDY = Study(
     "acquisition_endurance", draw, page, "parts", 1,
     {"what": ("udp_multicast", "socketcand"), "minutes": (10.0, 0.5, 30.0, 60.0)}, "{what} {minutes} {seed}",
-    lambda asked, seed: [(what, asked.minutes[0]) for what in asked.what],
+    lambda options, seed: [(what, options.minutes[0]) for what in options.what],
 )  # fmt: skip
 
 if __name__ == "__main__":

@@ -41,11 +41,11 @@ def main() -> None:
     """Print the table, a line as soon as it is known."""
     parser = options(__doc__)
     parser.add_argument("--systems", action="store_true", help="write the file of start systems")
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     rng = np.random.default_rng(SEED)
     own = start_systems.of_its_own()
     began = time.process_time()
-    if asked.systems:
+    if arguments.systems:
         start_systems.write([start_systems.grown(structure, rng) for structure in reversed(own)][::-1])
     general = start_systems.start_of(own[-1])
     rows = []
@@ -58,7 +58,7 @@ def main() -> None:
     head = ["structure", "of the file", "monodromy", "from the general platform", "trace of all", "of all but one"]
     about = f"{seconds:.0f} s. Of L-222-222 every assembly is an end of one of the sixteen of L-222-2211:ab-ac-bd."
     title = "# Complex assemblies of every structure\n\n`benchmarks/assembly_counts.py`"
-    show(asked, f"{title}\n\n{table(head, rows)}\n\n{about}", "assembly_counts")
+    show(arguments, f"{title}\n\n{table(head, rows)}\n\n{about}", "assembly_counts")
 
 
 if __name__ == "__main__":

@@ -63,13 +63,13 @@ def main() -> None:
     parser = options(__doc__)
     parser.add_argument("--reader", nargs="*", default=list(helper.readers()))
     parser.add_argument("--first", action="store_true")
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     kept = json.loads(RECORD.read_text()) if RECORD.exists() else {}
-    for name in asked.reader:
+    for name in arguments.reader:
         tried, wrong = attacked(name)
         print(name, tried, wrong[:2], flush=True)
         sort = "; ".join(dict.fromkeys(" ".join(text.split())[:60].replace("|", "/") for text in wrong))[:160]
-        kept.setdefault(name, {})["before" if asked.first else "now"] = [tried, len(wrong), sort]
+        kept.setdefault(name, {})["before" if arguments.first else "now"] = [tried, len(wrong), sort]
         RECORD.write_text(json.dumps(kept, indent=0))
     none = [0, 0, ""]
     rows = [
@@ -80,7 +80,7 @@ def main() -> None:
     total, through = sum(row[1] for row in rows), sum(row[4] for row in rows)
     head = "# Attacks on the readers\n\n`python benchmarks/attacks.py --write`\n\n"
     about = f"{total} attempts on {len(rows)} readers, {through} of them did harm. Attacks on the workbench have a page of their own."
-    show(asked, f"{head}{about}\n\n{table(['reader', 'attempts', 'harmful before', 'how', 'harmful now'], rows)}", "attacks")
+    show(arguments, f"{head}{about}\n\n{table(['reader', 'attempts', 'harmful before', 'how', 'harmful now'], rows)}", "attacks")
 
 
 if __name__ == "__main__":

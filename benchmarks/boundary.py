@@ -82,7 +82,7 @@ def apart(place: FloatArray, line: FloatArray) -> float:
 def main() -> None:
     """Print the page, or write it."""
     parser = options(__doc__)
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     level = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     bounds = Bounds(BASE, BODY, level, np.radians(84.0))
     plane = Slice(level, np.array([(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)]), 40.0)
@@ -127,7 +127,7 @@ def main() -> None:
         "forty places of each."
     )
     page += cell_of_the_origin()
-    show(asked, "\n".join(page), "boundary")
+    show(arguments, "\n".join(page), "boundary")
 
 
 if __name__ == "__main__":

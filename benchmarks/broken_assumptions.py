@@ -21,7 +21,7 @@ from study import Study
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from real_rig import Flaws
-from real_world import Case, Made, Score, make, reported, score, score_of
+from real_world import Case, RealCampaign, Score, make, reported, score, score_of
 
 from lmeasure.calibration import CalibrationSettings, Campaign, Model, calibrate
 from lmeasure.calibration.solve import solve
@@ -58,7 +58,7 @@ def _as_it_is(model: Model, found: Fit, blamed: list[str]) -> Explained:
     return Explained(model, found, [], False, np.zeros(len(model.campaign.cables)))
 
 
-def plainly(made: Made, campaign: Campaign, settings: CalibrationSettings) -> Score:
+def plainly(made: RealCampaign, campaign: Campaign, settings: CalibrationSettings) -> Score:
     """The run with a calibration that takes its residuals as they are."""
     with mock.patch.object(solve, "explain_misfit", _as_it_is):
         return score_of(calibrate(campaign, settings), made)

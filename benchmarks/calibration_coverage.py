@@ -26,7 +26,7 @@ from lmeasure.kernels import cable as cable_kernels
 from lmeasure.sensors import cable_covariance, counts_from_poses, span_lengths
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
-from random_campaigns import Drawn, at_truth, draw, true_values
+from random_campaigns import RandomCampaign, at_truth, draw, true_values
 
 FloatArray = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ STRAIGHT = 0.1  # bend up to which the linear bound is what can be reached
 SAID = {"misfit", "edge", "not_converged", "scale", "sign", "attachment", "swapped", "angles", "outlier", "slip", "ambiguous"}
 
 
-def bound(drawn: Drawn) -> FloatArray:
+def bound(drawn: RandomCampaign) -> FloatArray:
     """Cramer-Rao bound (p, p) of the parameters, from the information at the truth."""
     campaign = at_truth(drawn)
     noise = Noise(campaign.poses.u_position_mm, campaign.poses.u_rotation_rad)
@@ -51,7 +51,7 @@ def bound(drawn: Drawn) -> FloatArray:
     return np.asarray(np.linalg.inv(J.T @ np.linalg.solve(V, J)))
 
 
-def lengths(drawn: Drawn, result: Calibration, information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def lengths(drawn: RandomCampaign, result: Calibration, information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(n, m) errors of predicted changes since the zero pose, their bounds and their stated uncertainties [mm], at held-out poses."""
     rng = np.random.default_rng(9)
     rows = np.column_stack([rng.uniform(-300, 300, (100, 3)), Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (100, 3))).as_quat()])
@@ -61,7 +61,7 @@ def lengths(drawn: Drawn, result: Calibration, information: FloatArray) -> tuple
     return wrong[1:] - wrong[0], _predicted(drawn, result, linked, rows), _predicted(drawn, result, result.record, rows)
 
 
-def _predicted(drawn: Drawn, result: Calibration, record: object, rows: FloatArray) -> FloatArray:
+def _predicted(drawn: RandomCampaign, result: Calibration, record: object, rows: FloatArray) -> FloatArray:
     rig = result.rig
     cables, scales = rig.cable_rows(), rig.scales()
     # the geometry alone: what the drum makes of a count is known here

@@ -222,9 +222,9 @@ def table(found: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def slips_of(asked: Asked, seed: int) -> list[tuple[str]]:
+def slips_of(options: Asked, seed: int) -> list[tuple[str]]:
     """Return no slip, and four in turn or those that are asked for."""
-    some = [SLIPS[1 + (4 * (seed // 3) + k) % (len(SLIPS) - 1)] for k in range(4)] if len(asked.slip) == len(SLIPS) else asked.slip
+    some = [SLIPS[1 + (4 * (seed // 3) + k) % (len(SLIPS) - 1)] for k in range(4)] if len(options.slip) == len(SLIPS) else options.slip
     return [("none",), *((slip,) for slip in some if slip != "none")]
 
 

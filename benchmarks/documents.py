@@ -474,7 +474,7 @@ ROWS = (
 
 
 def main() -> None:
-    asked = options(__doc__).parse_args()
+    arguments = options(__doc__).parse_args()
     rows = []
     for row in ROWS:
         rows.append(
@@ -500,8 +500,8 @@ The pages on [structures](structures.md), [assembly modes](assemblies.md), [sing
 [workspaces](workspaces.md), [mechanisms](mechanisms.md) and [the published rig](published-rig.md) list every misprint. The published rig
 has sections 5.4 to 5.7. Chapter 1 of the thesis and of 002 is a review, and 5.3.2 of 002 is on hardware. They have nothing to compute.
 """
-    path = asked.out or PAGE
-    if asked.write or asked.out:
+    path = arguments.out or PAGE
+    if arguments.write or arguments.out:
         path.write_text(text, encoding="utf-8", newline="\n")
 
 

@@ -38,7 +38,7 @@ FOURTH = {"c4": (3,), "c2 or c6": (1, 5)}
 
 
 @dataclass(frozen=True)
-class Drawn:
+class ZeroResult:
     """Hold the share of samples with a pose, and of one its squared error in units of its covariance, and its u [mm]."""
 
     number: int
@@ -80,24 +80,24 @@ def drawn_run(number: int, start: str, u_deg: float) -> tuple[Run, np.ndarray]:
     return (replace(run, start=near, u_start=U_START) if start == "about" else run), poses
 
 
-def draw(number: int, start: str, level_deg: float) -> Drawn:
+def draw(number: int, start: str, level_deg: float) -> ZeroResult:
     """One run."""
     run, poses = drawn_run(number, start, level_deg)
     try:
         found = reconstruct(run)
     except LMeasureError:
-        return Drawn(number, start, level_deg, 0.0)
+        return ZeroResult(number, start, level_deg, 0.0)
     good = np.flatnonzero(found.status == Status.OK)
     if not len(good):
-        return Drawn(number, start, level_deg, 0.0)
+        return ZeroResult(number, start, level_deg, 0.0)
     k = good[len(good) // 2]
     covariance = found.random[k] + found.systematic[k]
     error = se3.displacement(found.poses[k : k + 1], poses[k : k + 1])[0]
     square, u_mm = float(error @ np.linalg.solve(covariance, error)), float(np.sqrt(np.trace(covariance[3:, 3:])))
-    return Drawn(number, start, level_deg, len(good) / len(poses), square, u_mm)
+    return ZeroResult(number, start, level_deg, len(good) / len(poses), square, u_mm)
 
 
-def table(every: list[Drawn]) -> str:
+def table(every: list[ZeroResult]) -> str:
     """Return the page of results."""
     about = "\n\n".join((__doc__ or "").split("\n\n")[2:])
     lines = ["# Zeros of encoders that poses need", "", about.strip(), ""]
@@ -128,7 +128,9 @@ def table(every: list[Drawn]) -> str:
     return "\n".join([*lines, "", *ends, ""])
 
 
-STUDY = Study("encoder_zeros", draw, table, "rigs", 200, {"starts": STARTS, "levels": LEVELS_DEG}, "{seed} {starts} {levels}", record=Drawn)
+STUDY = Study(
+    "encoder_zeros", draw, table, "rigs", 200, {"starts": STARTS, "levels": LEVELS_DEG}, "{seed} {starts} {levels}", record=ZeroResult
+)
 
 if __name__ == "__main__":
     sys.exit(STUDY.command(__doc__))

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from study import Kept, options, show
 
 from lmeasure.core import se3
-from lmeasure.robots import error_map, held_out, identify_with_choice, predict
+from lmeasure.robots import cross_validation, error_map, identify_with_choice, predict
 from lmeasure.robots.identification.measurements import measured
 from lmeasure.robots.robot import shipped
 
@@ -56,7 +56,7 @@ def ur5() -> tuple[FloatArray, FloatArray, FloatArray]:
 def by_model(joints: FloatArray, places: FloatArray, train: NDArray[np.int64], test: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
     """What is left (k,) and its stated radius at poses that the identification has not seen."""
     found = identify_with_choice(shipped("ur5").model, measured(joints[train], places[train]))
-    held = held_out(found)
+    held = cross_validation(found)
     reported = predict(found if held is None else replace(found, misfit=held.misfit), joints[test])
     return np.linalg.norm(places[test] - reported.pose[:, :3], axis=1), reported.u95_mm
 
@@ -165,12 +165,14 @@ def main() -> None:
     parser.add_argument("--robots", type=int, default=100)
     parser.add_argument("--keep", type=Path, help="file of what has run, to continue from")
     parser.add_argument("--seconds", type=float, default=math.inf, help="begin nothing new after this time")
-    asked = parser.parse_args()
-    known = Kept(asked.keep, asked.seconds)
-    parts = {"A real UR5": real(known), "Simulated arms": simulated(asked.robots, known)}
+    arguments = parser.parse_args()
+    known = Kept(arguments.keep, arguments.seconds)
+    parts = {"A real UR5": real(known), "Simulated arms": simulated(arguments.robots, known)}
     tables = "".join(f"\n## {title}\n\n" + "\n".join(lines) + "\n" for title, lines in parts.items())
-    head = f"# Errors after correction, without a model and with one\n\n`python benchmarks/error_map.py --robots {asked.robots} --write`\n"
-    show(asked, head + tables, "error_map")
+    head = (
+        f"# Errors after correction, without a model and with one\n\n`python benchmarks/error_map.py --robots {arguments.robots} --write`\n"
+    )
+    show(arguments, head + tables, "error_map")
 
 
 if __name__ == "__main__":

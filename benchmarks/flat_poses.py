@@ -94,10 +94,10 @@ def right(seed: int) -> tuple[int, int] | None:
 def main() -> None:
     parser = options(__doc__)
     parser.add_argument("--poses", type=int, default=1000)
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     found: list[tuple[int, int]] = []
     seed = 0
-    while len(found) < asked.poses:
+    while len(found) < arguments.poses:
         one = right(seed)
         seed += 1
         if one is not None:
@@ -107,9 +107,9 @@ def main() -> None:
         of = [one for one in found if (one[0] > 0) == signed]
         rows.append((name, len(of), *(sum(part) for part in zip(*of, strict=True))) if of else (name, 0, 0, 0))
     head = ("flat poses", "number", "drives with a sign", "the same by brute force")
-    run = f"`python benchmarks/flat_poses.py --poses {asked.poses} --write`, seeds 0 to {seed - 1}."
+    run = f"`python benchmarks/flat_poses.py --poses {arguments.poses} --write`, seeds 0 to {seed - 1}."
     text = f"# Drives that lead out of flat poses beside brute force\n\n{run}\n\n{table(head, rows)}\n"
-    show(asked, text, "flat_poses")
+    show(arguments, text, "flat_poses")
 
 
 if __name__ == "__main__":

@@ -51,8 +51,8 @@ def batch(folder: Path, store: Path, scheduler: str | None = None) -> tuple[floa
     """Return wall seconds and figures of a batch."""
     flow = load("batch")
     begun = time.perf_counter()
-    asked = {"command": "reconstruct", "items": [f"{folder}/*/*/*"], "out": str(store), "scheduler": scheduler}
-    result = flow.run(flow.settings.model_validate(asked))
+    arguments = {"command": "reconstruct", "items": [f"{folder}/*/*/*"], "out": str(store), "scheduler": scheduler}
+    result = flow.run(flow.settings.model_validate(arguments))
     return time.perf_counter() - begun, dict(result.figures)
 
 
@@ -102,37 +102,38 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=10_000)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--kills", type=int, default=20)
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     rows = []
     with tempfile.TemporaryDirectory() as scratch:
         here = Path(scratch)
-        write_runs(here / "runs", asked.runs, asked.samples)
+        write_runs(here / "runs", arguments.runs, arguments.samples)
         alone(here / "runs", here)  # compiles
         plain, one, two = [], [], []
-        for n in range(asked.repeats):
+        for n in range(arguments.repeats):
             plain.append(alone(here / "runs", here))
             one.append(batch(here / "runs", here / f"one{n}")[0])
             with two_workers() as cluster:
                 two.append(batch(here / "runs", here / f"two{n}", cluster.address)[0])
             assert digests(here / f"one{n}") == digests(here / f"two{n}") == digests(here / "one0")
         again, figures = batch(here / "runs", here / "one0")
-        assert figures["unchanged"] == asked.runs
-        overhead = 1000.0 * (statistics.median(one) - statistics.median(plain)) / asked.runs
+        assert figures["unchanged"] == arguments.runs
+        overhead = 1000.0 * (statistics.median(one) - statistics.median(plain)) / arguments.runs
         rows += [
             ("reconstructions alone", f"{statistics.median(plain):.1f} s"),
             ("batch in one process", f"{statistics.median(one):.1f} s"),
             ("overhead per item", f"{overhead:.1f} ms"),
             ("batch on two workers", f"{statistics.median(two):.1f} s"),
             ("speed-up", f"{statistics.median(a / b for a, b in zip(one, two, strict=True)):.2f}"),
-            ("batch of what is done", f"{1000 * again / asked.runs:.1f} ms an item"),
+            ("batch of what is done", f"{1000 * again / arguments.runs:.1f} ms an item"),
         ]
-        if asked.kills:
-            killed, took = with_kills(here / "runs", here / "killed", asked.kills, statistics.median(two))
+        if arguments.kills:
+            killed, took = with_kills(here / "runs", here / "killed", arguments.kills, statistics.median(two))
             same = digests(here / "killed") == digests(here / "one0")
             rows.append((f"batch with {killed} workers killed", f"{took:.1f} s, {'the same' if same else 'OTHER'} bytes"))
-    command = f"python benchmarks/fleet.py --runs {asked.runs} --samples {asked.samples} --repeats {asked.repeats} --kills {asked.kills}"
-    size = f"{asked.runs} runs of {asked.samples} samples, {os.cpu_count()} processors, medians of {asked.repeats}"
-    show(asked, f"# A batch of runs\n\n`{command}`: {size}.\n\n{table(['what', 'result'], rows)}", "fleet")
+    runs, samples, repeats, kills = arguments.runs, arguments.samples, arguments.repeats, arguments.kills
+    command = f"python benchmarks/fleet.py --runs {runs} --samples {samples} --repeats {repeats} --kills {kills}"
+    size = f"{arguments.runs} runs of {arguments.samples} samples, {os.cpu_count()} processors, medians of {arguments.repeats}"
+    show(arguments, f"# A batch of runs\n\n`{command}`: {size}.\n\n{table(['what', 'result'], rows)}", "fleet")
 
 
 if __name__ == "__main__":

@@ -77,18 +77,18 @@ def main() -> int:
     parser.add_argument("--corpus", type=Path, required=True)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--reader", nargs="*", default=[])
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     names: list[str] = []
-    if asked.seconds:
+    if arguments.seconds:
         with instrumented():
             from readers import readers
 
-            names = asked.reader or list(readers())
-    asked.corpus.mkdir(parents=True, exist_ok=True)
-    record = asked.corpus / "record.jsonl"
+            names = arguments.reader or list(readers())
+    arguments.corpus.mkdir(parents=True, exist_ok=True)
+    record = arguments.corpus / "record.jsonl"
     for name in names:
-        log = asked.corpus / "log.txt"
-        status, spent = fuzz(name, asked.corpus, asked.seconds, log)
+        log = arguments.corpus / "log.txt"
+        status, spent = fuzz(name, arguments.corpus, arguments.seconds, log)
         text = log.read_text(encoding="utf-8", errors="replace")
         units = re.search(r"number_of_executed_units: (\d+)", text)
         cover = re.findall(r"cov: (\d+)", text)
@@ -103,7 +103,7 @@ def main() -> int:
     cells = []
     for name in dict.fromkeys(row["reader"] for row in rows):
         own = [row for row in rows if row["reader"] == name]
-        inputs = len(list((asked.corpus / name.replace(" ", "-")).glob("*")))
+        inputs = len(list((arguments.corpus / name.replace(" ", "-")).glob("*")))
         found = list(dict.fromkeys(text for row in own for text in row["found"]))
         spent, tried = sum(row["seconds"] for row in own), sum(row["tried"] for row in own)
         cells.append([name, f"{spent:.0f}", tried, max(row["edges"] for row in own), inputs, "; ".join(found)[:200] or "nothing"])
@@ -112,7 +112,7 @@ def main() -> int:
     about = (
         f"{tried} inputs in {hours:.2f} processor hours. `edges` counts those of lmeasure's code. `found` also lists what is mended by now."
     )
-    show(asked, f"{head}\n\n{about}\n\n{table(['reader', 's', 'inputs tried', 'edges', 'corpus', 'found'], cells)}", "fuzz_readers")
+    show(arguments, f"{head}\n\n{about}\n\n{table(['reader', 's', 'inputs tried', 'edges', 'corpus', 'found'], cells)}", "fuzz_readers")
     return 0
 
 

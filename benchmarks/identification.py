@@ -26,7 +26,18 @@ from scipy.spatial.transform import Rotation
 from study import options, show
 
 from lmeasure.core import se3
-from lmeasure.robots import Measurements, Settings, beyond, freed, held_out, identify, identify_with_choice, predict, to_plan, worth_freeing
+from lmeasure.robots import (
+    Measurements,
+    Settings,
+    beyond,
+    cross_validation,
+    freed,
+    identify,
+    identify_with_choice,
+    predict,
+    to_plan,
+    worth_freeing,
+)
 from lmeasure.robots.identification.hold_out import FALSE_ALARM
 from lmeasure.robots.identification.measurements import measured
 from lmeasure.robots.identification.observability import chosen, determined_parameters
@@ -57,7 +68,7 @@ def judged(
     """Errors and u95 [mm] at the rows `test` of an identification from the rows `train`; free: None as the command has it."""
     robot, own = shipped("ur5").model, rows.of(train)
     found = identify_with_choice(robot, own) if free is None else identify(robot, own, Settings(free))
-    held = held_out(found)
+    held = cross_validation(found)
     found = replace(found, misfit=1.0 if held is None else held.misfit, beyond=beyond(found))
     predicted = predict(found, rows.joints[test])
     return np.linalg.norm(rows.position[test] - predicted.pose[:, :3], axis=1), predicted.u95_mm
@@ -233,24 +244,25 @@ def main() -> None:
     parser = options(__doc__)
     parser.add_argument("--robots", type=int, default=10)
     parser.add_argument("--parts", default="", help="numbers of the tables, from 1, all by default")
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     rows = real()
     tables: dict[str, Callable[[], list[str]]] = {
         "Five folds of 1,000 poses": lambda: folds(rows),
         "Planned and random poses": lambda: planned(rows),
         "Planned out of parts of them": lambda: planned_of_parts(rows),
         "Speed": lambda: speed(rows),
-        "What is not there and asked for": lambda: asked_for(asked.robots),
-        "Simulated robots, 80 places of 0.02 mm": lambda: simulated(asked.robots),
+        "What is not there and asked for": lambda: asked_for(arguments.robots),
+        "Simulated robots, 80 places of 0.02 mm": lambda: simulated(arguments.robots),
         "One half of the workspace from the other": lambda: halves(rows),
     }
-    wanted = [int(n) for n in asked.parts.split(",") if n] or range(1, len(tables) + 1)
+    wanted = [int(n) for n in arguments.parts.split(",") if n] or range(1, len(tables) + 1)
     parts = [(title, table()) for n, (title, table) in enumerate(tables.items(), 1) if n in wanted]
     head = (
-        f"# Identification of robots\n\n`python benchmarks/identification.py --robots {asked.robots} --write`, seed {SEED}, one thread; "
+        f"# Identification of robots\n\n`python benchmarks/identification.py --robots {arguments.robots} --write`, seed {SEED}, "
+        "one thread; "
         f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, NumPy {np.__version__}.\n"
     )
-    show(asked, head + "".join(f"\n## {title}\n\n" + "\n".join(lines) + "\n" for title, lines in parts), "identification")
+    show(arguments, head + "".join(f"\n## {title}\n\n" + "\n".join(lines) + "\n" for title, lines in parts), "identification")
 
 
 if __name__ == "__main__":

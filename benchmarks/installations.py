@@ -289,10 +289,10 @@ def draw(seed: int, version: str, way: str, versions: str) -> dict[str, Any]:
     return record
 
 
-def cases(asked: argparse.Namespace, seed: int) -> Iterator[tuple[str, str, str]]:
+def cases(options: argparse.Namespace, seed: int) -> Iterator[tuple[str, str, str]]:
     """Yield what can be installed in more than one way: only uv and pip take the lowest versions, and the sdist needs no second Python."""
     del seed
-    for version, way, versions in itertools.product(asked.python, asked.way, asked.versions):
+    for version, way, versions in itertools.product(options.python, options.way, options.versions):
         if (versions == "highest" or way == "uv") and (way != "sdist" or version == PYTHONS[0]):
             yield version, way, versions
 

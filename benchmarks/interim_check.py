@@ -124,9 +124,9 @@ def table(every: list[Draw]) -> tuple[str, bool]:
     return "\n".join([*lines, "", "All consistent." if good else "NOT consistent.", ""]), good
 
 
-def sizes(asked: Asked, seed: int) -> list[tuple[float]]:
+def sizes(options: Asked, seed: int) -> list[tuple[float]]:
     """Return a sound instrument, and for every fourth seed one of each size too."""
-    return [(mm,) for mm in asked.change if mm == 0.0 or seed % 4 == 0]
+    return [(mm,) for mm in options.change if mm == 0.0 or seed % 4 == 0]
 
 
 STUDY = Study("interim_check", drawn, table, "draws", 200, {"change": (0.0, *SIZES)}, "{change:g} {seed}", sizes, record=Draw)

@@ -131,12 +131,12 @@ def main() -> None:
     parser = options(__doc__)
     parser.add_argument("--samples", type=int, default=60_000)
     parser.add_argument("--repeat", type=int, default=5)
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     rng = np.random.default_rng(0)
-    counts = np.cumsum(rng.integers(-40, 41, (asked.samples, CABLES)), axis=0)
-    frames = (CABLES + 1) * asked.samples
+    counts = np.cumsum(rng.integers(-40, 41, (arguments.samples, CABLES)), axis=0)
+    frames = (CABLES + 1) * arguments.samples
     lines = [
-        f"{frames} frames of {asked.samples} samples, {CABLES} encoders and SYNC; {platform.machine()}, {os.cpu_count()} cores, "
+        f"{frames} frames of {arguments.samples} samples, {CABLES} encoders and SYNC; {platform.machine()}, {os.cpu_count()} cores, "
         f"Python {platform.python_version()}, python-can {can.__version__}, load {os.getloadavg()[0]:.1f}",
         "",
         "| log | MB | python-can + cantools, to counts | lmeasure, to counts | ratio | goal | frames only: python-can | the scan | ratio |",
@@ -147,13 +147,15 @@ def main() -> None:
             mine, theirs = by_lmeasure(path), by_libraries(path)
             if not (np.array_equal(mine, theirs) and np.array_equal(mine, counts)):
                 raise SystemExit(f"{path.suffix}: the counts differ")
-            t = best((by_libraries, 2), (by_lmeasure, asked.repeat), (only_read_by_library, 2), (only_read, asked.repeat), path=path)
+            t = best(
+                (by_libraries, 2), (by_lmeasure, arguments.repeat), (only_read_by_library, 2), (only_read, arguments.repeat), path=path
+            )
             cells = [f"{frames / s / 1e6:.3g} M/s" for s in t]
             lines.append(
                 f"| {path.suffix} | {path.stat().st_size / 1e6:.1f} | {cells[0]} | {cells[1]} | {t[0] / t[1]:.0f} | {GOALS[path.suffix]} "
                 f"| {cells[2]} | {cells[3]} | {t[2] / t[3]:.0f} |"
             )
-    show(asked, "# Log files to counts\n\n`python benchmarks/log_files.py --write`\n\n" + "\n".join(lines), "log_files")
+    show(arguments, "# Log files to counts\n\n`python benchmarks/log_files.py --write`\n\n" + "\n".join(lines), "log_files")
 
 
 if __name__ == "__main__":

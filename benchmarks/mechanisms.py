@@ -73,7 +73,7 @@ def seconds(work: Callable[[], object]) -> float:
 
 
 def main() -> None:
-    asked, rng, rows = options(__doc__).parse_args(), np.random.default_rng(0), []
+    arguments, rng, rows = options(__doc__).parse_args(), np.random.default_rng(0), []
     for name in ROBOTS:
         robot = any_shipped(name).model
         assert isinstance(robot, Parallel)
@@ -92,7 +92,7 @@ def main() -> None:
         print(*rows[-1], flush=True)
     head = ["robot", "from home", "along the way", "SciPy", "times, from home", "times, along the way", "largest difference"]
     about = "poses/s on one core, medians; SciPy is `root` per pose from home, derivatives by differences"
-    show(asked, f"# Forward problems of mechanisms\n\n`python benchmarks/mechanisms.py`: {about}.\n\n{table(head, rows)}", "mechanisms")
+    show(arguments, f"# Forward problems of mechanisms\n\n`python benchmarks/mechanisms.py`: {about}.\n\n{table(head, rows)}", "mechanisms")
 
 
 if __name__ == "__main__":

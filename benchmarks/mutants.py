@@ -116,19 +116,19 @@ def main() -> None:
     parser.add_argument("--list", action="store_true", help="print the faults as JSON lines, run nothing")
     parser.add_argument("--folder", type=Path, help="kept for the next time: which lines each test passes")
     parser.add_argument("--out", type=Path, default=RESULTS / "mutants.md")
-    asked = parser.parse_args()
-    files = [file for file in CORE if any(part in file for part in asked.files)]
-    if asked.list:
+    options = parser.parse_args()
+    files = [file for file in CORE if any(part in file for part in options.files)]
+    if options.list:
         for file in files:
             for m in faults_of(file):
                 print(json.dumps({"file": m.file, "number": m.line, "line": m.source, "change": m.change}))
         return
     load_libraries()
-    sections = earlier(asked.out)
+    sections = earlier(options.out)
     for file in files:
-        before = sections[file] if asked.again else None
-        sections[file] = run(file, sampled(file, asked.sample, asked.seed), before=before, keep=asked.folder)
-        asked.out.write_text(written(sections), encoding="utf-8")
+        before = sections[file] if options.again else None
+        sections[file] = run(file, sampled(file, options.sample, options.seed), before=before, keep=options.folder)
+        options.out.write_text(written(sections), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ WORDS = """(() => { const out = [], walker = document.createTreeWalker(document.
   return out.filter(t => t); })()"""
 
 
-def reports(out: Path, language: str, wanted: "Wanted") -> Iterator[tuple[str, Path]]:
+def reports(out: Path, language: str, wanted: "Selection") -> Iterator[tuple[str, Path]]:
     """Yield the kind and file of each report, and of the demo's page and those of its files where one of them is wanted."""
     for kind, write in PAGES.items():
         if wanted(kind):
@@ -66,7 +66,7 @@ def reports(out: Path, language: str, wanted: "Wanted") -> Iterator[tuple[str, P
         yield "batch", next((out / "store").glob("*.html"))
 
 
-class Wanted:
+class Selection:
     """Whether a page is wanted by its name."""
 
     def __init__(self, words: list[str]) -> None:
@@ -94,10 +94,10 @@ def lmeasure(*words: object, language: str = "en") -> None:
         sys.exit(f"lmeasure {' '.join(map(str, words))}: {done.stdout}{done.stderr}")
 
 
-def look(page: Page, name: str, language: str, asked: argparse.Namespace) -> None:
+def look(page: Page, name: str, language: str, options: argparse.Namespace) -> None:
     """Take the pictures of a page that is open, and print what is wrong with it."""
     wrong: list[object] = []
-    for width in asked.widths:
+    for width in options.widths:
         height = HEIGHTS.get(width, width * 9 // 16)
         page.resize(width, height)
         page.wait(READY)
@@ -105,21 +105,21 @@ def look(page: Page, name: str, language: str, asked: argparse.Namespace) -> Non
         if width == 1400:
             screens = page.evaluate("document.documentElement.scrollHeight") / height
             wrong += [f"{screens:.1f} screens"] if screens > 4.0 else []
-        for scheme in ("light", "dark") if asked.dark else ("light",):
+        for scheme in ("light", "dark") if options.dark else ("light",):
             page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
             page.resize(width, height)
-            clip = {"clip": {"x": 0, "y": 0, "width": width, "height": height, "scale": 1}} if asked.screen else {}
+            clip = {"clip": {"x": 0, "y": 0, "width": width, "height": height, "scale": 1}} if options.screen else {}
             picture = page.call("Page.captureScreenshot", format="png", captureBeyondViewport=True, **clip)["data"]
             end = "-dark" if scheme == "dark" else ""
-            (asked.folder / f"{name}-{language}-{width}{end}.png").write_bytes(base64.b64decode(picture))
+            (options.folder / f"{name}-{language}-{width}{end}.png").write_bytes(base64.b64decode(picture))
             wrong += [f"{scheme}: {rule} {elements}" for rule, elements in faults(page)]
         page.call("Emulation.setEmulatedMedia", features=[])
     if language == "ru":
         wrong += [f"in English: {text[:100]!r}" for text in page.evaluate(WORDS) if len(ENGLISH.findall(text)) > 1]
-    if asked.paper:
+    if options.paper:
         document = pypdfium2.PdfDocument(page.printed())
         for number, sheet in enumerate(document, 1):
-            sheet.render(scale=1.0).to_pil().save(asked.folder / f"{name}-{language}-sheet{number}.png")
+            sheet.render(scale=1.0).to_pil().save(options.folder / f"{name}-{language}-sheet{number}.png")
         document.close()
     print(f"{name} {language}: {len(wrong)} findings", *map(str, [*wrong, *page.errors]), sep="\n    ", flush=True)
 
@@ -133,26 +133,26 @@ def main() -> None:
     parser.add_argument("--widths", default="390,1400,2560", type=lambda text: [int(word) for word in text.split(",")])
     for name in ("dark", "paper", "screen"):
         parser.add_argument(f"--{name}", action="store_true")
-    asked = parser.parse_args()
-    asked.folder.mkdir(parents=True, exist_ok=True)
-    wanted = Wanted(asked.pages)
+    options = parser.parse_args()
+    options.folder.mkdir(parents=True, exist_ok=True)
+    wanted = Selection(options.pages)
     with tempfile.TemporaryDirectory() as scratch:
-        for language in asked.languages:
+        for language in options.languages:
             for kind, file in reports(Path(scratch) / language, language, wanted):
-                with opened(file, size=(asked.widths[0], 1.0)) as page:
-                    look(page, kind, language, asked)
+                with opened(file, size=(options.widths[0], 1.0)) as page:
+                    look(page, kind, language, options)
         named = {path: "workbench" + re.sub(r"\W+", "-", path).rstrip("-") for path in (*WORKBENCH, *OF_DEMO)}
         if not any(wanted(name) for name in named.values()):
             return
         project = shutil.copytree(demo("en"), Path(scratch) / "project")
         with served(project) as address, opened(address) as page:
             base = entered(page)
-            for language in asked.languages:
+            for language in options.languages:
                 press(page, f".language [value={language}]", f"document.documentElement?.lang === '{language}'")
                 for path, name in named.items():
                     if wanted(name):
                         visit(page, base, path)
-                        look(page, name, language, asked)
+                        look(page, name, language, options)
                         page.errors.clear()
                         visit(page, base, "/")
 

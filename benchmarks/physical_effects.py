@@ -113,7 +113,7 @@ def with_effect(rig: Rig, point: int, kind: str, size: float, rng: np.random.Gen
     return rig_from_dict(data)
 
 
-class Drawn:
+class EffectCell:
     """A cell with effects, its campaign, and the first fit of position and guide."""
 
     def __init__(self, kind: str, number: int) -> None:
@@ -161,7 +161,7 @@ class Drawn:
 
 def study(number: int, kind: str) -> Draw:
     """One campaign."""
-    at = Drawn(kind, number)
+    at = EffectCell(kind, number)
     if kind == "nothing":
         return solved_of_nothing(at, number)
     model = at.model()
@@ -190,7 +190,7 @@ def study(number: int, kind: str) -> Draw:
     return solved(at, out)
 
 
-def solved(at: Drawn, out: Draw) -> Draw:
+def solved(at: EffectCell, out: Draw) -> Draw:
     """What calibration with the effect makes of it, and of a run elsewhere."""
     (kind, point), = at.planted  # fmt: skip
     name = f"B{point + 1}"
@@ -248,7 +248,7 @@ def covariance_of(C: FloatArray, model: Model, kind: str) -> FloatArray:
     return C[np.ix_(which, which)]
 
 
-def bound(at: Drawn, rig: Rig, solve: str) -> FloatArray:
+def bound(at: EffectCell, rig: Rig, solve: str) -> FloatArray:
     """(p, p) covariance of least squares with the nominal rig as a prior, at the truth as well as it is known."""
     campaign = replace(at.campaign, rig=phased(at.campaign.rig, unknowns_of(at.campaign, (solve,)).names, at.poses[[0] * 6], at.true.cable))
     model = model_of(campaign, unknowns_of(campaign, ("position", "guide", solve)))
@@ -257,7 +257,7 @@ def bound(at: Drawn, rig: Rig, solve: str) -> FloatArray:
     return np.asarray(np.linalg.inv(J.T @ np.linalg.solve(V, J) + np.diag(model.parameters.width**-2.0)))
 
 
-def solved_of_nothing(at: Drawn, number: int) -> Draw:
+def solved_of_nothing(at: EffectCell, number: int) -> Draw:
     """How many kinds, each solved for at all points, are said to be found where there is nothing."""
     found = []
     for kind in KINDS.values():

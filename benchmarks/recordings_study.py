@@ -282,11 +282,11 @@ def main() -> int:
     parser = options(__doc__)
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
-    lines, bad = study(asked.count, asked.seed)
-    head = ["# Random restarts, wraps and late stamps", "", f"`python benchmarks/recordings_study.py --count {asked.count}`", ""]
+    arguments = parser.parse_args()
+    lines, bad = study(arguments.count, arguments.seed)
+    head = ["# Random restarts, wraps and late stamps", "", f"`python benchmarks/recordings_study.py --count {arguments.count}`", ""]
     text = "\n".join([*head, *lines, ""])
-    show(asked, text, "recordings_study")
+    show(arguments, text, "recordings_study")
     return int(bad > 0)
 
 

@@ -45,14 +45,14 @@ def queries() -> Iterator[str]:
         register.add(entries(), "A")
         yield f"| adding all of them | {time.perf_counter() - begin:.0f} |"
         size = (Path(folder) / FILE).stat().st_size / 1e6
-        asked: dict[str, Callable[[], object]] = {
+        options: dict[str, Callable[[], object]] = {
             "subjects with counts": register.subjects,
             "a result of a robot over time": lambda: register.series("R-7", "AP_p P1"),
             "all certificates of a robot": lambda: register.entries("certificate", "R-7"),
             "recall of a calibration (100 certificates)": lambda: register.recall(f"{5:064x}" + "c"),
             f"what is due: {ROBOTS:,} limits, one of each robot": lambda: due(register, read_limits(Path(folder))),
         }
-        for what, question in asked.items():
+        for what, question in options.items():
             yield f"| {what} | {min(timeit.repeat(question, number=1, repeat=5)):.3f} |"
         begin = time.perf_counter()
         assert register.faults() == ()

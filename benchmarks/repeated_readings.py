@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from study import Study, table
 
 from lmeasure.core import se3
-from lmeasure.robots import any_shipped, beyond, freed, held_out, identify_with_choice, predict
+from lmeasure.robots import any_shipped, beyond, cross_validation, freed, identify_with_choice, predict
 from lmeasure.robots.identification.measurements import measured
 
 STRUCTURES = ("generic6", "generic7", "ur5", "puma560", "gough")
@@ -26,7 +26,7 @@ KINDS = ("robot", "readings", "targets", "orientation", "u stated")
 
 
 @dataclass(frozen=True)
-class Drawn:
+class RobotResult:
     """Hold what kind of robot was drawn, the shares [%] of new and of held-out measurements within u95, the number of families freed
     beside the links, and whether u95 was widened away from the measured joints."""
 
@@ -37,7 +37,7 @@ class Drawn:
     widened: bool
 
 
-def draw(number: int) -> Drawn:
+def draw(number: int) -> RobotResult:
     """Draw a robot, identify it and judge it at new stays."""
     rng = np.random.default_rng([SEED, 11, number])
     name = STRUCTURES[number % len(STRUCTURES)]
@@ -72,7 +72,7 @@ def draw(number: int) -> Drawn:
         )
 
     found = identify_with_choice(nominal, seen(stays, readings))
-    held = held_out(found)
+    held = cross_validation(found)
     found = replace(found, misfit=1.0 if held is None else held.misfit, beyond=beyond(found))
     later = seen(50, 1)
     predicted = predict(found, later.joints, later.target_of)
@@ -84,7 +84,7 @@ def draw(number: int) -> Drawn:
         "yes" if oriented else "no",
         "yes" if stated else "no",
     )
-    return Drawn(
+    return RobotResult(
         dict(zip(KINDS, kinds, strict=True)),
         100.0 * float(inside),
         np.nan if held is None else 100.0 * held.within,
@@ -93,7 +93,7 @@ def draw(number: int) -> Drawn:
     )
 
 
-def page(every: list[Drawn]) -> str:
+def page(every: list[RobotResult]) -> str:
     """Return the page of results: one row for all robots and one for each kind."""
     groups = [("all", every)]
     groups += [(f"{key}: {v}", [d for d in every if d.kinds[key] == v]) for key in KINDS for v in sorted({d.kinds[key] for d in every})]
@@ -113,7 +113,7 @@ def page(every: list[Drawn]) -> str:
     return f"# Repeated readings and several targets\n\n{about.strip()}\n\n{table(head, rows)}\n"
 
 
-STUDY = Study("repeated_readings", draw, page, "robots", 200, key="{seed}", record=Drawn)
+STUDY = Study("repeated_readings", draw, page, "robots", 200, key="{seed}", record=RobotResult)
 
 if __name__ == "__main__":
     sys.exit(STUDY.command(__doc__))

@@ -26,7 +26,7 @@ from lmeasure.estimation import Fit, fit
 from lmeasure.sensors import span_lengths
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
-from random_campaigns import Drawn, draw, errors, shifted, square_of, true_unknowns
+from random_campaigns import RandomCampaign, draw, errors, shifted, square_of, true_unknowns
 
 FloatArray = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ STRAIGHT = 0.3  # bend up to which the linear bound is what can be reached
 SAID = {"misfit", "edge", "not_converged", "scale", "sign", "attachment", "swapped", "outlier", "slip"}
 
 
-def found_again(drawn: Drawn, result: Calibration, settings: CalibrationSettings, free: tuple[int, ...]) -> tuple[Model, Fit]:
+def found_again(drawn: RandomCampaign, result: Calibration, settings: CalibrationSettings, free: tuple[int, ...]) -> tuple[Model, Fit]:
     """The model and the fit behind a result, begun where it ended."""
     campaign = drawn.campaign if drawn.campaign.poses.oriented else replace(drawn.campaign, poses=result.campaign.poses)
     rig = unknowns_of(campaign, settings.groups)

@@ -110,15 +110,15 @@ def found(bug: dict[str, str], seeds: int) -> tuple[int, str]:
     return -1, ""
 
 
-def plant(asked: argparse.Namespace) -> int:
+def plant(options: argparse.Namespace) -> int:
     """Plant each bug in a process of its own, and write the table."""
     bugs = tomllib.loads(PLANTED.read_text(encoding="utf-8"))["bug"]
-    kept, rows, missed = Kept(asked.keep, asked.seconds), [], 0
+    kept, rows, missed = Kept(options.keep, options.seconds), [], 0
 
     def tried(bug: dict[str, str]) -> list[Any]:
         with multiprocessing.get_context("fork").Pool(1) as pool:
             try:
-                return list(pool.apply_async(found, (bug, asked.seeds)).get(asked.patience))
+                return list(pool.apply_async(found, (bug, options.seeds)).get(options.patience))
             except multiprocessing.TimeoutError:
                 return [0, "does not end"]
 
@@ -131,9 +131,9 @@ def plant(asked: argparse.Namespace) -> int:
         cells = [f"`{bug['module']}`", f"`{bug['old'].strip()}`", f"`{bug['new'].strip()}`", seed if seed >= 0 else "not found", text]
         rows.append([str(cell).replace("|", "/").replace("\n", " ")[:150] for cell in cells])
         print(rows[-1], flush=True)
-    about = f"{len(bugs)} bugs were planted, {len(bugs) - missed} of them found by the first {asked.seeds} seeds at most."
+    about = f"{len(bugs)} bugs were planted, {len(bugs) - missed} of them found by the first {options.seeds} seeds at most."
     head = "# Planted bugs\n\n`python benchmarks/simulated_world.py --planted --keep FILE --write`"
-    show(asked, f"{head}\n\n{about}\n\n{table(['module', 'code', 'bug', 'first seed', 'noticed'], rows)}", "planted_bugs")
+    show(options, f"{head}\n\n{about}\n\n{table(['module', 'code', 'bug', 'first seed', 'noticed'], rows)}", "planted_bugs")
     return int(missed > len(bugs) // 25)
 
 

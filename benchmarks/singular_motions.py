@@ -73,8 +73,8 @@ def errors(seed: int) -> FloatArray | None:
 def main() -> None:
     parser = options(__doc__)
     parser.add_argument("--rigs", type=int, default=200)
-    asked = parser.parse_args()
-    every = np.concatenate([one for one in map(errors, range(asked.rigs)) if one is not None])
+    arguments = parser.parse_args()
+    every = np.concatenate([one for one in map(errors, range(arguments.rigs)) if one is not None])
     rows = []
     for low, high in BANDS:
         of = every[(every[:, 0] >= low) & (every[:, 0] < high)]
@@ -83,9 +83,9 @@ def main() -> None:
         most = [f"{v:.3f}" for v in np.percentile(of[~lost, 1:], 95.0, axis=0)]
         rows.append((f"{low:g} to {high:g}", len(of), int(lost.sum()), *(f"{a} / {b}" for a, b in zip(middle, most, strict=True))))
     head = ("mm of the rim per mm of length", "poses", "without a pose", "whole pose", "part that lengths determine", "bridged")
-    run = f"`python benchmarks/singular_motions.py --rigs {asked.rigs} --write`, seeds 0 to {asked.rigs - 1}, lengths of {U_MM} mm."
+    run = f"`python benchmarks/singular_motions.py --rigs {arguments.rigs} --write`, seeds 0 to {arguments.rigs - 1}, lengths of {U_MM} mm."
     text = f"# Motions past singular poses\n\n{run} Errors in mm, a turn counted at the rim: median / 95 of 100.\n\n{table(head, rows)}\n"
-    show(asked, text, "singular_motions")
+    show(arguments, text, "singular_motions")
 
 
 if __name__ == "__main__":

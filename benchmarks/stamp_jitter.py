@@ -61,7 +61,7 @@ def lost(rng: np.random.Generator, t: FloatArray) -> tuple[FloatArray, FloatArra
     return t[kept], in_order(t + rng.uniform(0.0, 0.01, len(t)))[kept]
 
 
-def asked(rng: np.random.Generator, t: FloatArray, latency_s: float) -> tuple[FloatArray, FloatArray]:
+def options(rng: np.random.Generator, t: FloatArray, latency_s: float) -> tuple[FloatArray, FloatArray]:
     """Taken when the host asks, 0 to 10 ms after the last, and stamped up to a latency later."""
     true = np.cumsum(rng.uniform(2e-4, 2.0 * (t[1] - t[0]), len(t)))
     true = true[true <= t[-1]]
@@ -85,13 +85,13 @@ LAWS: dict[str, tuple[str, float, Law]] = {
         0.005,
         lambda r, t: (t, np.cumsum(r.normal(0.005, 0.004, len(t)).clip(LEAST_S))),
     ),
-    "asked": ("taken 0.2 to 10 ms after the last, stamps right", 0.005, lambda r, t: asked(r, t, 0.0)),
-    "asked late": ("the same, stamps late by 0 to 1 ms", 0.005, lambda r, t: asked(r, t, 0.001)),
+    "asked": ("taken 0.2 to 10 ms after the last, stamps right", 0.005, lambda r, t: options(r, t, 0.0)),
+    "asked late": ("the same, stamps late by 0 to 1 ms", 0.005, lambda r, t: options(r, t, 0.001)),
     "sound": ("1 kHz, stamps right", 0.001, lambda r, t: (t, t)),
     "micro": ("1 kHz, off by 2 us", 0.001, lambda r, t: (t, t + r.normal(0.0, 2e-6, len(t)))),
     "some": ("1 kHz, late by 0 to 0.2 ms", 0.001, lambda r, t: (t, t + r.uniform(0.0, 2e-4, len(t)))),
-    "asked, half": ("taken 0.2 to 10 ms after the last, stamps late by 0 to 0.5 ms", 0.005, lambda r, t: asked(r, t, 0.0005)),
-    "asked, two": ("taken 0.2 to 10 ms after the last, stamps late by 0 to 2 ms", 0.005, lambda r, t: asked(r, t, 0.002)),
+    "asked, half": ("taken 0.2 to 10 ms after the last, stamps late by 0 to 0.5 ms", 0.005, lambda r, t: options(r, t, 0.0005)),
+    "asked, two": ("taken 0.2 to 10 ms after the last, stamps late by 0 to 2 ms", 0.005, lambda r, t: options(r, t, 0.002)),
     "walk, small": (
         "intervals of 5 +- 0.03 ms added up, though samples come evenly",
         0.005,

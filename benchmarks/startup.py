@@ -58,7 +58,7 @@ def compiled(output: Path) -> int:
 
 def main() -> None:
     """Measure, print, and keep when asked."""
-    asked = options(__doc__).parse_args()
+    settings = options(__doc__).parse_args()
     lmeasure = [sys.executable, "-m", "lmeasure"]
     with tempfile.TemporaryDirectory() as scratch:
         folder, out = Path(scratch), Path(scratch) / "output"
@@ -99,7 +99,7 @@ def main() -> None:
         *rows,
         "",
     ]
-    show(asked, "\n".join(lines), "startup")
+    show(settings, "\n".join(lines), "startup")
 
 
 if __name__ == "__main__":

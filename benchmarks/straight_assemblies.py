@@ -152,14 +152,14 @@ def main() -> None:
     parser = options(__doc__)
     parser.add_argument("--poses", type=int, default=100_000, help="poses of each structure in closed form")
     parser.add_argument("--rigs", type=int, default=200, help="rigs of each structure")
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     page = ["# Assemblies of straight links", "", "`benchmarks/straight_assemblies.py`; times are those of one processor.", ""]
-    page += [f"## Closed form, {asked.poses:,} random poses", "", POSES_TEXT, ""]
+    page += [f"## Closed form, {arguments.poses:,} random poses", "", POSES_TEXT, ""]
     page += [
         "| structure | s for 100,000 | assemblies of each | worst length, mm | true pose off, mm | beyond 1e-4 | iterated | ends missed "
     ]
     page[-1] += "| us of the kernel | times SciPy |"
-    page += ["|---" * 10 + "|", *(in_batch(s, asked.poses) for s in structures() if s.closed_form)]
+    page += ["|---" * 10 + "|", *(in_batch(s, arguments.poses) for s in structures() if s.closed_form)]
     spent = []
     for _ in range(DIETMAIER_RUNS):
         began = time.process_time()
@@ -172,14 +172,14 @@ def main() -> None:
         f"{found.certified.sum()} real assemblies certified of {len(found.poses)}, {found.status}: ",
     ]
     page[-1] += f"{1e3 * np.median(spent):.0f} ms."
-    page += ["", f"## {asked.rigs} rigs of every structure with dimensions at random", "", RIGS_TEXT, ""]
+    page += ["", f"## {arguments.rigs} rigs of every structure with dimensions at random", "", RIGS_TEXT, ""]
     page += [
         "| structure | complex | most real | real in all | all accounted for | true poses missed | general: missed | met "
         "| Newton: missed | met | ms |"
     ]
-    page += ["|---" * 11 + "|", *(rigs_of(s, asked.rigs) for s in structures() if s.degenerate is None)]
+    page += ["|---" * 11 + "|", *(rigs_of(s, arguments.rigs) for s in structures() if s.degenerate is None)]
     page += ["", "## Two assemblies that meet", "", at_folds(), ""]
-    show(asked, "\n".join(page), "straight_assemblies")
+    show(arguments, "\n".join(page), "straight_assemblies")
 
 
 if __name__ == "__main__":

@@ -73,32 +73,32 @@ class Study:
             )
         return parser
 
-    def run(self, asked: Asked) -> list[Any]:
+    def run(self, arguments: Asked) -> list[Any]:
         """Return all records that are kept, after those that are asked for were drawn."""
         for name, levels in self.factors.items():
-            chosen = getattr(asked, name)
-            setattr(asked, name, list(itertools.chain(*chosen)) if chosen else list(levels))
+            chosen = getattr(arguments, name)
+            setattr(arguments, name, list(itertools.chain(*chosen)) if chosen else list(levels))
         key = self.key or " ".join(f"{{{name}}}" for name in (*self.factors, "seed"))
-        cases = self.cases or (lambda asked, seed: itertools.product(*(getattr(asked, name) for name in self.factors)))
-        seeds = range(asked.first, asked.first + asked.runs)
-        every = ((seed, *levels) for seed in seeds for levels in cases(asked, seed))
+        cases = self.cases or (lambda arguments, seed: itertools.product(*(getattr(arguments, name) for name in self.factors)))
+        seeds = range(arguments.first, arguments.first + arguments.runs)
+        every = ((seed, *levels) for seed in seeds for levels in cases(arguments, seed))
         runs = (
             (key.format(seed=seed, **dict(zip(self.factors, levels, strict=False))), partial(self.draw, seed, *levels))
             for seed, *levels in every
         )
-        kept = Kept(asked.keep, asked.seconds)
-        kept.run(runs, asked.processes)
+        kept = Kept(arguments.keep, arguments.seconds)
+        kept.run(runs, arguments.processes)
         return [self.record(**r) if isinstance(r, dict) else r for r in kept.known.values() if r is not None]
 
     def command(self, about: str | None) -> int:
         """Run what the command line asks for, show the page, and return the exit code."""
-        asked = self.parser(about).parse_args()
-        records = self.run(asked)
+        arguments = self.parser(about).parse_args()
+        records = self.run(arguments)
         if not records:
             raise SystemExit(f"{self.name}: no record was drawn, and none is kept")
         page = self.page(records)
         text, good = page if isinstance(page, tuple) else (page, True)
-        show(asked, text, self.name)
+        show(arguments, text, self.name)
         return int(not good)
 
 
@@ -173,11 +173,11 @@ def options(about: str | None) -> argparse.ArgumentParser:
     return parser
 
 
-def show(asked: Asked, text: str, name: str) -> None:
+def show(arguments: Asked, text: str, name: str) -> None:
     """Print a page of results, and write it if the command line says so. A bare table replaces the first one of a page that is there."""
-    text, path = text.rstrip("\n") + "\n", asked.out or RESULTS / f"{name}.md"
+    text, path = text.rstrip("\n") + "\n", arguments.out or RESULTS / f"{name}.md"
     print(text)
-    if asked.write or asked.out:
+    if arguments.write or arguments.out:
         if text.startswith("|") and path.exists():
             text = re.sub(r"(^\|.*\n)+", lambda _: text, path.read_text(encoding="utf-8"), count=1, flags=re.MULTILINE)
         path.write_text(text, encoding="utf-8", newline="\n")

@@ -523,9 +523,9 @@ def page(records: list[dict[str, Any]]) -> str:
     return table(("world", "mode", "rigs", "refused", "error / mm", "u / mm", "inside / %", "NEES/3", "s", "warnings"), rows)
 
 
-def cases(asked: Any, _seed: int) -> list[tuple[str, str]]:
+def cases(options: Any, _seed: int) -> list[tuple[str, str]]:
     """Return the worlds and modes of a rig: all worlds by what users write first. The plain fit is for worlds that it is right for."""
-    every = itertools.product(asked.mode, asked.world)
+    every = itertools.product(options.mode, options.world)
     return [(world, mode) for mode, world in every if mode != "exact" or WORLDS[world].kind == "sound"]
 
 

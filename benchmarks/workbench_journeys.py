@@ -119,10 +119,10 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path, help="a folder for a picture of each step's page")
     parser.add_argument("--poses", type=int, default=20, help="of the mechanic's calibration")
     parser.add_argument("--write", action="store_true", help="keep the row of each in results/journeys.md")
-    asked = parser.parse_args()
-    for who in asked.who:
-        steps, seconds = walk(who, asked.pictures, asked.poses)
-        if asked.write:
+    options = parser.parse_args()
+    for who in options.who:
+        steps, seconds = walk(who, options.pictures, options.poses)
+        if options.write:
             keep(who, steps, seconds)
 
 

@@ -111,13 +111,13 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--rate", type=float, default=1000.0)
     parser.add_argument("--kept", type=Path, help="a .csv that the table is written to while it grows")
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        reported = measure(Path(name), asked.minutes, asked.rate, asked.kept)
+        reported = measure(Path(name), arguments.minutes, arguments.rate, arguments.kept)
     rows, last = reported["rows"], reported["last"]
     seconds = reported["seconds"]
     lines = [
-        f"# The workbench's live page, {asked.minutes:g} minutes at {asked.rate:g} Hz",
+        f"# The workbench's live page, {arguments.minutes:g} minutes at {arguments.rate:g} Hz",
         f"{reported['samples']} samples in {seconds:.0f} s ({reported['samples'] / seconds:.0f} a second). Frames lost: {last['lost']}, "
         f"samples with an empty cell: {reported['gaps']}, faults: {last['faults'] or 'none'}.",
         f"Frame to screen: median {np.nanmedian(rows[:, 1]):.0f} ms, largest median {np.nanmax(rows[:, 1]):.0f} ms.",
@@ -127,7 +127,7 @@ def main() -> None:
         slope = np.polyfit(half[:, 0], half[:, j], 1)[0] * 3600.0 if len(half) > 2 else np.nan
         memory.append([what, *(f"{rows[i, j]:.1f}" for i in (0, len(rows) // 2, -1)), f"{slope:+.2f}"])
     head = ["memory [MB]", "at first", "in the middle", "in the end", "change over the second half, a straight line [MB/h]"]
-    show(asked, "\n\n".join([*lines, table(head, memory)]), "workbench_live")
+    show(arguments, "\n\n".join([*lines, table(head, memory)]), "workbench_live")
 
 
 if __name__ == "__main__":

@@ -261,9 +261,9 @@ def taken(robot: str, reported: FloatArray) -> BoolArray:
     model, delta = file.model, np.zeros((len(reported), 6))
     if reported.shape[1] == 3:
         delta[:, :2] = np.radians(reported[:, :2])
-    asked = se3.displaced(np.tile(model.home, (len(reported), 1)), delta)
-    asked[:, 2 if reported.shape[1] == 3 else 0] = reported[:, -1]
-    poses = model.nearest(asked)
+    arguments = se3.displaced(np.tile(model.home, (len(reported), 1)), delta)
+    arguments[:, 2 if reported.shape[1] == 3 else 0] = reported[:, -1]
+    poses = model.nearest(arguments)
     lost = np.isnan(poses[:, :1])
     return checked(model, file.limits, np.where(lost, model.home, poses)).all & ~lost[:, 0]
 
@@ -288,13 +288,13 @@ def beside_told(case: Reported, poses: int) -> tuple[int, int, float, float, flo
 def main() -> None:
     parser = options(__doc__)
     parser.add_argument("--poses", type=int, default=2_000_000)
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     lines = ["| robot | turn | nodes | judged otherwise | volume, litres | at most off by | random places, litres | standard uncertainty |"]
     lines.append("|---" * 8 + "|")
     print("\n".join(lines))
     bad = False
     for case in CASES:
-        fewer = asked.poses // YAWS if case.yaw is None else asked.poses
+        fewer = arguments.poses // YAWS if case.yaw is None else arguments.poses
         nodes, other, volume, error, random, u = beside(case, max(fewer, 1000))
         turn = "any" if case.yaw is None else f"{case.yaw:g} deg"
         sizes = " | ".join(f"{v / 1e6:.4f}" for v in (volume, error, random, u))
@@ -310,13 +310,13 @@ def main() -> None:
     ]
     lines.append("|---" * 8 + "|")
     for reported in REPORTED:
-        nodes, other, volume, error, random, u = beside_told(reported, asked.poses)
+        nodes, other, volume, error, random, u = beside_told(reported, arguments.poses)
         sizes = " | ".join(f"{v:.2f}" for v in (volume, error, random, u))
         lines.append(f"| {reported.robot} | {reported.unit} | {nodes} | {other} | {sizes} |")
         print(lines[-1], flush=True)
         bad |= other > 0 or abs(volume - random) > error + 3.0 * u
-    run = f"`python benchmarks/workspaces.py --poses {asked.poses} --write`, seed {SEED}."
-    show(asked, f"# Workspaces beside brute force\n\n{run}\n\n" + "\n".join(lines), "workspaces")
+    run = f"`python benchmarks/workspaces.py --poses {arguments.poses} --write`, seed {SEED}."
+    show(arguments, f"# Workspaces beside brute force\n\n{run}\n\n" + "\n".join(lines), "workspaces")
     sys.exit(1 if bad else 0)
 
 

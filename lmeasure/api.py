@@ -491,17 +491,17 @@ def simulate(scenario: "Scenario | Mapping[str, Any] | File | None" = None, *, r
     from lmeasure.simulation import Scenario, read_scenario, scenario_from_dict, simulate as simulation_simulate
 
     if isinstance(scenario, Path | str):
-        asked, named = read_scenario(Path(scenario))
-        asked = asked.model_copy(update=options)
+        requested, named = read_scenario(Path(scenario))
+        requested = requested.model_copy(update=options)
     else:
         content = scenario.model_dump(by_alias=True) if isinstance(scenario, Scenario) else dict(scenario or {})
-        asked, named = scenario_from_dict({"schema": "lmeasure.scenario/1"} | content | options)
-    if asked.robot is not None:
+        requested, named = scenario_from_dict({"schema": "lmeasure.scenario/1"} | content | options)
+    if requested.robot is not None:
         from lmeasure.iso9283 import simulate_robot
 
         folder = Path(scenario).parent if isinstance(scenario, Path | str) else Path()
-        return simulate_robot(asked, rig or named, folder).simulated
-    return simulation_simulate(asked, rig or named)
+        return simulate_robot(requested, rig or named, folder).simulated
+    return simulation_simulate(requested, rig or named)
 
 
 def read_log(

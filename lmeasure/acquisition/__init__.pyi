@@ -7,7 +7,7 @@ from .check.self_test import Check as Check, corrected as corrected, not_correct
 from .check.watch import Ask as Ask, Finished as Finished, Moved as Moved, Step as Step
 from .counters.decoders import counter_fields as counter_fields
 from .counters.events import Event as Event
-from .counters.origins import GoneOn as GoneOn, folded as folded, moduli as moduli, range_notes as range_notes
+from .counters.origins import ContinuedCounts as ContinuedCounts, folded as folded, moduli as moduli, range_notes as range_notes
 from .counters.samples import Samples as Samples, joined as joined
 from .logs.import_log import (
     Imported as Imported,

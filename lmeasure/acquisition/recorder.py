@@ -169,8 +169,8 @@ def watch(
     show and each as in `recorder.record`. AcquisitionError if the source is lost, or no sample came.
     """
     counting, begin = Counting(rig, source, fields, passage), time.monotonic()
-    with asked_to_end() as asked:
-        while (seconds is None or time.monotonic() - begin < seconds) and not stop() and not asked():
+    with asked_to_end() as requested:
+        while (seconds is None or time.monotonic() - begin < seconds) and not stop() and not requested():
             frames = counting.receive(TURN_S)
             if frames is None:
                 break
@@ -360,8 +360,8 @@ def record(
     ended = "complete"
     begin = time.monotonic()
     try:
-        with asked_to_end() as asked:
-            while (seconds is None or time.monotonic() - begin < seconds) and not stop() and not asked():
+        with asked_to_end() as requested:
+            while (seconds is None or time.monotonic() - begin < seconds) and not stop() and not requested():
                 if not writer.take(TURN_S):
                     break
                 if show is not None:

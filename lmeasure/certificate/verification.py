@@ -449,13 +449,13 @@ def _refuse(constant: str) -> float:
     raise ValueError(f"{constant} is not a number of JSON")
 
 
-def report_lines(found: Verification, *, asked: bool) -> list[str]:
+def report_lines(found: Verification, *, requested: bool) -> list[str]:
     """Return lines with the signer, then differences. asked: whether the signature was compared with a key."""
     out: list[str] = []
     if found.authorised is not None:
         out.append(message("verification.authorised" if found.authorised else "verification.not_authorised", name=found.authorised))
     elif found.signer is not None:
-        vouched = asked and not any(d.what == SIGNATURE for d in found.differences)
+        vouched = requested and not any(d.what == SIGNATURE for d in found.differences)
         out.append(message("verification.asked" if vouched else "verification.nobody", signer=found.signer[:16]))
     elif not any(d.what == SIGNATURE and d.text != UNSIGNED for d in found.differences):
         out.append(message("certificate.unsigned_origin_not_proved"))

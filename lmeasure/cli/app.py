@@ -196,7 +196,7 @@ def _end(code: "int | str | None", *texts: str, printed: str = "") -> NoReturn:
         if (lines or printed) and isinstance(code, int) and sys.stdout is not None:
             from lmeasure.cli import machine
 
-            if machine.asked():
+            if machine.enabled():
                 print(machine.written(machine.of_error(code, lines or [printed])))
         if sys.stdout is not None:  # closed by whoever called
             sys.stdout.flush()

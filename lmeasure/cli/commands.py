@@ -51,7 +51,7 @@ def command(name: str) -> Any:
             raise typer.BadParameter(error.text, param_hint=error.option if field is None else flag_of(error.option, field)) from None
         if as_json:
             document = machine.of_result(name, result)
-            if events.asked():
+            if events.enabled():
                 document |= {"shown": [rendered(line) for line in result.summary if line]}
                 document |= {"shown_warnings": [rendered(line) for line in document["warnings"]]}
                 made = document["made"] if isinstance(document["made"], dict) else {}

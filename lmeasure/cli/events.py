@@ -34,7 +34,7 @@ ANSWERED = ("check", "capture", "play")
 """Commands that read standard input themselves."""
 
 
-def asked() -> bool:
+def enabled() -> bool:
     """Return whether another program listens."""
     return os.environ.get(VARIABLE) == "1"
 
@@ -70,7 +70,7 @@ def progress(label: str) -> Any:
 @contextmanager
 def tied(command: str) -> Iterator[None]:
     """While the work is done: it ends as by Ctrl-C when standard input does."""
-    if asked() and command not in ANSWERED and sys.stdin is not None:
+    if enabled() and command not in ANSWERED and sys.stdin is not None:
         threading.Thread(target=_end_with_input, daemon=True).start()
     yield
 

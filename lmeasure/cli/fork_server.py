@@ -105,8 +105,8 @@ def _became(standard: list[int], reported: socket.socket) -> Command | None:
         io.TextIOWrapper(open(place, "wb", buffering=0, closefd=False), encoding="utf-8", errors="backslashreplace", write_through=True)  # noqa: SIM115
         for place in (1, 2)
     )
-    with reported, reported.makefile("rb") as asked:
-        line = asked.readline()
+    with reported, reported.makefile("rb") as requested:
+        line = requested.readline()
     return Command(**json.loads(line)) if line.endswith(b"\n") else None
 
 

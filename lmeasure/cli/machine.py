@@ -15,7 +15,7 @@ SCHEMA = "lmeasure.result/1"
 FLAG = "--json"
 
 
-def asked(words: Sequence[str] | None = None) -> bool:
+def enabled(words: Sequence[str] | None = None) -> bool:
     """Return whether the command line requests JSON."""
     words = sys.argv[1:] if words is None else words
     return FLAG in (words[: words.index("--")] if "--" in words else words)

@@ -88,7 +88,7 @@ class TypedLines:
 
     def __init__(self) -> None:
         self._lines: queue.SimpleQueue[tuple[str, float]] = queue.SimpleQueue()
-        self._by_person = events.asked()
+        self._by_person = events.enabled()
         self.waited_s = 0.0
         """Time that the last lines had waited, where a person typed them; a script may type ahead [s]."""
         self._ended = self.gone = False
@@ -172,7 +172,7 @@ class TypedLines:
 def state_line(keys: TypedLines | None = None) -> "Iterator[tuple[Callable[[str], None], Callable[[str], None] | None]]":
     """Yield a function that prints lines, and one that renews a line on a terminal, at most ten times a second, with the typed text at its
     end. Both use the reader's language, and no line is wider than the terminal."""
-    if events.asked():
+    if events.enabled():
         yield lambda text: events.tell("said", text=rendered(text)), events.Paced("state")
         return
     on_terminal = sys.stderr is not None and sys.stderr.isatty()
@@ -227,7 +227,7 @@ def recording(workflow: "Workflow", settings: "Any") -> "Result":
         return workflow.run(settings)
     from lmeasure.accuracy import radii_95  # noqa: F401 - takes long, and not while frames come
 
-    if events.asked():
+    if events.enabled():
         return workflow.run(settings, show=events.live)
     from lmeasure.cli.live import live_table
 
@@ -237,7 +237,7 @@ def recording(workflow: "Workflow", settings: "Any") -> "Result":
 
 def watching(workflow: "Workflow", settings: "CommandSettings") -> "Result":
     """Show the table of the incoming counts."""
-    if events.asked():
+    if events.enabled():
         return workflow.run(settings, show=events.live)
     from lmeasure.cli.live import live_table
 
@@ -250,14 +250,14 @@ def questions(workflow: "Workflow", settings: "CommandSettings") -> "Result":
     from lmeasure.acquisition import Finished
 
     keys = TypedLines()
-    alone = sys.stdin is not None and sys.stdin.isatty() and not events.asked()
+    alone = sys.stdin is not None and sys.stdin.isatty() and not events.enabled()
     with state_line(keys) as (say, show):
 
         def ask(step: "Step") -> str:
             text, begun = rendered(step.text), time.monotonic()
             finished, warned = Finished(step, begun), False
             say(f"{step.number}/{step.of} {word('cli.or_wait' if alone and not step.question else 'cli.press_enter', text=text)}")
-            if events.asked():  # a page has a button for it
+            if events.enabled():  # a page has a button for it
                 events.tell("asked", text=text, number=step.number, of=step.of, act=step.act)
             while True:
                 lines = keys.typed()
@@ -273,7 +273,7 @@ def questions(workflow: "Workflow", settings: "CommandSettings") -> "Result":
                 state = step.look()
                 if show is not None:
                     show(state)
-                if events.asked():
+                if events.enabled():
                     events.moved(step.moved())
                 if finished.seen(time.monotonic()) and alone:
                     return ""
@@ -296,14 +296,14 @@ def capturing(workflow: "Workflow", settings: "CommandSettings") -> "Result":
         def show(session: "Session") -> None:
             if line is not None:
                 line(session.line())
-            if events.asked():
+            if events.enabled():
                 events.captured(session)
 
         def progress(fraction: float, text: str) -> None:
-            if events.asked() and keys.gone:  # whoever asked for it: it ends as by Ctrl-C
+            if events.enabled() and keys.gone:  # whoever asked for it: it ends as by Ctrl-C
                 raise CancelledError
 
-        if on_terminal or events.asked():
+        if on_terminal or events.enabled():
             return workflow.run(settings, progress, say=say, keys=keys, ask=ask if on_terminal else keys.answer, show=show)
         return workflow.run(settings, say=say, keys=keys)
 
@@ -311,7 +311,7 @@ def capturing(workflow: "Workflow", settings: "CommandSettings") -> "Result":
 def opens_pages(settings: "Any") -> bool:
     """Return whether the page of a command is opened in a browser: on a terminal, unless switched off."""
     on_terminal = sys.stdout is not None and sys.stdout.isatty()
-    return bool(getattr(settings, "browser", False)) and on_terminal and not events.asked() and not machine.asked()
+    return bool(getattr(settings, "browser", False)) and on_terminal and not events.enabled() and not machine.enabled()
 
 
 def inspecting(workflow: "Workflow", settings: "Any") -> "Result":
@@ -325,14 +325,14 @@ def inspecting(workflow: "Workflow", settings: "Any") -> "Result":
 def listening(workflow: "Workflow", settings: "CommandSettings") -> "Result":
     """Show a progress bar, and the senders for other programs."""
     with bar(workflow.name) as progress:
-        return workflow.run(settings, progress, show=events.spoken if events.asked() else None)
+        return workflow.run(settings, progress, show=events.spoken if events.enabled() else None)
 
 
 def playing(workflow: "Workflow", settings: "CommandSettings") -> "Result":
     """Take lines that a user, a page or a script types, until their end."""
     keys = TypedLines()
     with state_line(keys) as (say, _):
-        return workflow.run(settings, say=say, keys=keys, show=events.played if events.asked() else None)
+        return workflow.run(settings, say=say, keys=keys, show=events.played if events.enabled() else None)
 
 
 def beginning(workflow: "Workflow", settings: "Any") -> "Result":
@@ -369,10 +369,10 @@ def in_browser(workflow: "Workflow", settings: "Any") -> "Result":
     if settings.browser and not opens_pages(settings):
         settings = settings.model_copy(update={"browser": False})
 
-    def served(asked: "Any", say: Callable[[str], None], show: Callable[[str], object] | None) -> None:
-        site = Site(asked.host, asked.tls_certificate, asked.tls_key) if asked.host else ON_LOOPBACK
-        about = {"within": asked.within, "site": site, "scheduler": asked.scheduler}
-        serve(asked.folder, asked.port, asked.language, say, show=show, **about)
+    def served(requested: "Any", say: Callable[[str], None], show: Callable[[str], object] | None) -> None:
+        site = Site(requested.host, requested.tls_certificate, requested.tls_key) if requested.host else ON_LOOPBACK
+        about = {"within": requested.within, "site": site, "scheduler": requested.scheduler}
+        serve(requested.folder, requested.port, requested.language, say, show=show, **about)
 
     return workflow.run(settings, lambda fraction, address: typer.echo(word("cli.workbench_at", address=address)), serve=served)
 
@@ -412,8 +412,8 @@ def reported_compiling() -> Iterator[None]:
         events.tell("compiling", text=name)
 
     before, since = len(compilation.names), compilation.seconds
-    on_terminal = not events.asked() and sys.stderr is not None and sys.stderr.isatty()
-    compilation.begun = listed if events.asked() else begun if on_terminal else None
+    on_terminal = not events.enabled() and sys.stderr is not None and sys.stderr.isatty()
+    compilation.begun = listed if events.enabled() else begun if on_terminal else None
     try:
         yield
     finally:
@@ -430,7 +430,7 @@ def bar(label: str) -> "Iterator[Progress]":
 
     It vanishes when the work is done, and does not appear without a terminal: an error stays one line.
     """
-    if events.asked():
+    if events.enabled():
         yield events.progress(stage(label))
         return
     from rich.console import Console
@@ -446,7 +446,7 @@ def bar(label: str) -> "Iterator[Progress]":
 @contextmanager
 def stages() -> "Iterator[Progress]":
     """A line for each stage on stderr, on a terminal with a bar and its time."""
-    if events.asked():
+    if events.enabled():
         yield events.progress(stage("load"))
         return
     from rich.console import Console

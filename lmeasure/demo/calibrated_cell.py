@@ -95,7 +95,7 @@ def calibrated_cell(out: Path, true: Rig, rng: np.random.Generator, step: Step) 
     from lmeasure.rig import write_calibration_record, write_rig
 
     report = step(COUNT)
-    asked = campaign_at(
+    requested = campaign_at(
         true,
         reference_poses(),
         rng,
@@ -104,7 +104,7 @@ def calibrated_cell(out: Path, true: Rig, rng: np.random.Generator, step: Step) 
         nominal_shift_mm=NOMINAL_SHIFT_MM,
         nominal_shift_deg=NOMINAL_SHIFT_DEG,
     )
-    campaign = replace(asked, recorded=count_at_stops(true, asked.poses, rng, report))
+    campaign = replace(requested, recorded=count_at_stops(true, requested.poses, rng, report))
     write_campaign(out / "campaign", campaign)
 
     report = step(CALIBRATE)

@@ -30,7 +30,7 @@ from lmeasure.robots import (
     RATED_SPEED_MM_S,
     AnyRobot,
     Command,
-    HeldOut,
+    CrossValidation,
     Identified,
     Limits,
     Noted,
@@ -40,13 +40,13 @@ from lmeasure.robots import (
     SimulatedRobot,
     beyond,
     corrected,
-    given,
-    held_out,
+    cross_validation,
     identify_with_choice,
     learning_curve,
     nominal_frames,
     nominal_robot,
     read_identified,
+    read_robot_measurements,
     record as identified_record,
     workspace,
     worth_freeing,
@@ -79,14 +79,14 @@ class Judged:
     """An identification that knows how rows fared that were held out of it, and how well it predicts over the workspace."""
 
     found: Identified[Any]
-    held: HeldOut | None
+    held: CrossValidation | None
     over: PredictionMap | None
     record: dict[str, Any]
 
 
 def judge(found: Identified[Any], inputs: Sequence[Path], findings: Sequence[Noted], seed: int = 0, *, thorough: bool = True) -> Judged:
     """Hold rows out, and make the record of it all; thorough: find out too how well fewer poses would do."""
-    held = held_out(found, seed=seed)
+    held = cross_validation(found, seed=seed)
     found = replace(found, misfit=1.0 if held is None else held.misfit, beyond=beyond(found))
     curve, worth, over = learning_curve(found, seed) if thorough else (), worth_freeing(found), workspace(found, seed=seed)
     record = identified_record(found, inputs, held, curve, worth=worth, findings=findings, over=over)
@@ -220,7 +220,7 @@ def standing(program: Program, done: Performance) -> float:
 
 def identified(drawn: Robot, run: Path, joints: Path, *, thorough: bool = True) -> Judged:
     """The robot by the rests of a run and the joint values that a controller has logged there."""
-    rows = given(run, joints, drawn.model, Stated())
+    rows = read_robot_measurements(run, joints, drawn.model, Stated())
     found = identify_with_choice(drawn.model, rows.rows)
     return judge(found, [joints], (*rows.notes, *found.findings), thorough=thorough)
 

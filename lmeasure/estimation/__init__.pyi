@@ -5,7 +5,7 @@ from .deletion import (
     Remainder as Remainder,
     deletion_squares as deletion_squares,
     fall_test as fall_test,
-    held_out as held_out,
+    validation_residuals as validation_residuals,
 )
 from .elimination import Eliminated as Eliminated, linear_objective as linear_objective
 from .exchange import (

@@ -190,7 +190,7 @@ def deletion_squares(residuals: FloatArray, covariance: FloatArray, explained: F
     return np.asarray((own**2 / (left * (left + value))).sum(axis=1))
 
 
-def held_out(whole: Problem, theta: FloatArray, fit: Fit, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+def validation_residuals(whole: Problem, theta: FloatArray, fit: Fit, rows: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return (k,) errors and (k, k) covariance of a fit's prediction of validation residuals.
 
     whole has the fit's unknowns by name, perhaps nuisance parameters of the validation data, and the residuals of both; theta: values of

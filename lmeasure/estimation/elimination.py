@@ -169,7 +169,7 @@ def _apart(P: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
 def _described(problem: Problem, theta: FloatArray, V: FloatArray, prior: bool, part: Eliminated, converged: bool, framed: bool) -> Fit:
     """Return the fit at theta; CalibrationError if the residuals do not determine all of a block."""
     if part.loose:
-        raise CalibrationError(problem.untold(part.loose[0]))
+        raise CalibrationError(problem.undetermined_block(part.loose[0]))
     own, width = problem.own, problem.parameters.width
     z, gauge = (theta[:own] - problem.parameters.nominal) / width, problem.gauge
     count, free = 0, part.Vt[~part.known]

@@ -123,10 +123,10 @@ class Problem(ABC):
         e = len(self.residuals(self.start))
         return np.zeros(e), np.zeros((e, 0))
 
-    def untold(self, block: int) -> str:
+    def undetermined_block(self, block: int) -> str:
         """Return the report for a block of nuisance parameters that the residuals do not determine completely."""
         assert self.nuisance is not None
-        return f"{self.nuisance.names[block * self.nuisance.size]} and what belongs to it: the residuals do not tell it"
+        return f"{self.nuisance.names[block * self.nuisance.size]}: the residuals do not determine it"
 
 
 @dataclass(frozen=True, kw_only=True)

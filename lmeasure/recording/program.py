@@ -329,11 +329,11 @@ class Program(Shown, Strict):
             for name, times in Counter(names).items():
                 if times > 1:
                     raise of_key(kind, message("error.the_name_is_given", name=name, times=times))
-        asked = [(f"distance {d.name}", n) for d in (*self.distance, *self.posing) for n in (d.from_pose, d.to_pose)]
-        asked += [("drift", d.pose) for d in self.drift] + [("compliance", c.pose) for c in self.compliance]
+        requested = [(f"distance {d.name}", n) for d in (*self.distance, *self.posing) for n in (d.from_pose, d.to_pose)]
+        requested += [("drift", d.pose) for d in self.drift] + [("compliance", c.pose) for c in self.compliance]
         others = {d.name for d in (*self.distance, *self.posing)}
-        asked += [("tolerance", t.pose) for t in self.tolerance if t.pose and t.pose not in others]
-        for what, name in asked:
+        requested += [("tolerance", t.pose) for t in self.tolerance if t.pose and t.pose not in others]
+        for what, name in requested:
             if name not in poses:
                 raise of_key(what, message("error.there_is_no_pose_2", name=name))
         for t in self.tolerance:

@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 from lmeasure.core import FloatArray
 from lmeasure.report import figures, html
 from lmeasure.report.text import axes
-from lmeasure.robots import Drawn, Grid, ParallelFile, Workspace, drawn
+from lmeasure.robots import Grid, MechanismOutline, ParallelFile, Workspace, mechanism_outline
 from lmeasure.text import ENGLISH, Say
 
 BASE, PLATFORM, LEG, ARM, INSIDE = "#1f2933", "#1d4ed8", "#c2410c", "#7c3aed", "#15803d"
@@ -96,7 +96,7 @@ def limit_words(say: Say = ENGLISH) -> dict[str, str]:
 
 def space_figure(file: ParallelFile, pose: FloatArray, grid: Grid | None = None, say: Say = ENGLISH) -> go.Figure:
     """Base, legs and platform at a pose (7,), and the places of a workspace."""
-    figure, found = go.Figure(), drawn(file, pose)
+    figure, found = go.Figure(), mechanism_outline(file, pose)
     for strips, ink, width, name in _parts(found, say):
         if strips:
             rows = np.concatenate([np.vstack([strip, np.full((1, 3), np.nan)]) for strip in strips])
@@ -115,7 +115,7 @@ def space_figure(file: ParallelFile, pose: FloatArray, grid: Grid | None = None,
     return figure.update_layout(height=640, margin={"t": 20, "b": 10, "l": 0, "r": 0}, scene=axes(say))
 
 
-def _parts(found: Drawn, say: Say) -> list[tuple[list[FloatArray], str, int, str]]:
+def _parts(found: MechanismOutline, say: Say) -> list[tuple[list[FloatArray], str, int, str]]:
     return [
         (found.base, BASE, 4, say("page.base")),
         (found.arms, ARM, 6, say("mechanism.cranks_arms")),

@@ -92,7 +92,7 @@ def _data(seen: "xr.Dataset", zone: "xr.Dataset", rig: Rig, calibration: Calibra
     known = u95[np.isfinite(u95) & (u95 > 0.0)]
     low, high = (float(np.percentile(known, p)) for p in (0, 95)) if len(known) else (0.1, 1.0)
     high = max(high, 1.01 * low)
-    asked = zone.attrs.get("limit_u95_mm")
+    requested = zone.attrs.get("limit_u95_mm")
     upper = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]).T
     others = (seen["rejected_because"].values.ravel().astype(np.int64) & ~ASKED) == 0
     cables = [{"name": c.name, "base": list(rig.point(c.from_point).position_mm)} for c in rig.cable]
@@ -100,9 +100,9 @@ def _data(seen: "xr.Dataset", zone: "xr.Dataset", rig: Rig, calibration: Calibra
         **dict(zip("xyz", (a.tolist() for a in axes), strict=True)),
         "spacing": [float(a[1] - a[0]) if len(a) > 1 else float(s) for a, s in zip(axes, zone.attrs["node_spacing_mm"], strict=True)],
         "limit_deg": float(zone.attrs["limit_deg"]),
-        "limit_u95": high if asked is None else float(np.clip(asked, low, high)),
+        "limit_u95": high if requested is None else float(np.clip(requested, low, high)),
         "range_u95": [low, high],
-        "asked_u95": asked is not None,
+        "asked_u95": requested is not None,
         "radius": RADIUS,
         "cables": cables,
         "worst_angle": _packed(seen["worst_pressure_angle_deg"].values.ravel()),

@@ -145,10 +145,10 @@ def criteria(zone: xr.Dataset, say: Say) -> Rows:
     cell = float(np.prod(zone.attrs["node_spacing_mm"])) / 1e9
     angle, u95 = zone["worst_pressure_angle_deg"].values, zone["u95_position_mm"].values
     # without a limit of its own the radius is held to what it is at most within the angle
-    asked = zone.attrs.get("limit_u95_mm")
+    requested = zone.attrs.get("limit_u95_mm")
     within_angle = angle <= zone.attrs["limit_deg"]
-    if asked is not None:
-        radius, by_radius = float(asked), say("zone.95_radius_within_mm", mm=float(asked))
+    if requested is not None:
+        radius, by_radius = float(requested), say("zone.95_radius_within_mm", mm=float(requested))
     elif within_angle.any():
         radius = float(u95[within_angle].max())
         by_radius = say("zone.95_radius_within_mm_largest", mm=radius)

@@ -218,7 +218,7 @@ def solved_parameters(rig: Rig, cables: tuple[Observed, ...], solve: tuple[str, 
     CalibrationError for a group that does not exist, and without any parameter.
     """
     points = [p.name for p in rig.observation_point]
-    for group, _, owner in (asked.partition(":") for asked in solve):
+    for group, _, owner in (requested.partition(":") for requested in solve):
         if group not in GROUPS:
             raise CalibrationError(message("error.solve_is_not_one", group=group, groups=", ".join(GROUPS)))
         if owner and (owner not in points or group == "attachment"):

@@ -11,11 +11,11 @@ from .correction.error_map import (
     ways as ways,
     whole_turns as whole_turns,
 )
-from .hand_eye import GivenPoses as GivenPoses, frames as frames
+from .hand_eye import StatedPoses as StatedPoses, frames as frames
 from .identification.hold_out import (
-    HeldOut as HeldOut,
+    CrossValidation as CrossValidation,
     beyond as beyond,
-    held_out as held_out,
+    cross_validation as cross_validation,
     identify_with_choice as identify_with_choice,
     learning_curve as learning_curve,
     worth_freeing as worth_freeing,
@@ -35,7 +35,11 @@ from .identification.identify import (
 from .identification.measurements import Measurements as Measurements, Noted as Noted
 from .identification.observability import Plan as Plan, planned as planned, to_plan as to_plan, unknown_frames as unknown_frames
 from .identification.reach import REGULAR as REGULAR, Allowed as Allowed, PredictionMap as PredictionMap, workspace as workspace
-from .identification.read_measurements import given as given, read_joint_log as read_joint_log, read_measurements as read_measurements
+from .identification.read_measurements import (
+    read_joint_log as read_joint_log,
+    read_measurements as read_measurements,
+    read_robot_measurements as read_robot_measurements,
+)
 from .identification.record import (
     IdentifiedRobot as IdentifiedRobot,
     corrected as corrected,
@@ -53,14 +57,14 @@ from .parallel.file import ParallelFile as ParallelFile
 from .parallel.limits import PathLimits as PathLimits, checked as checked, hooke_joints as hooke_joints
 from .parallel.model import nearness as nearness
 from .parallel.study import (
-    Drawn as Drawn,
     Grid as Grid,
+    MechanismOutline as MechanismOutline,
     Turns as Turns,
     Workspace as Workspace,
     at_poses as at_poses,
     completions as completions,
     described as described,
-    drawn as drawn,
+    mechanism_outline as mechanism_outline,
     motion as motion,
     over_drives as over_drives,
     over_grid as over_grid,

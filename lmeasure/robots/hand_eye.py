@@ -21,7 +21,7 @@ ASTRAY = 0.1
 
 
 @dataclass(frozen=True)
-class GivenPoses:
+class StatedPoses:
     """A robot whose poses a table states: its only joint value is the row's number, and it has no parameters."""
 
     poses: FloatArray
@@ -53,7 +53,7 @@ class GivenPoses:
         return np.flatnonzero(np.abs(self.poses - pose).max(axis=1) < 1e-9)[:, None].astype(np.float64)
 
 
-def frames(robot: Poses, instrument: Poses, seed: int = 0) -> Identified[GivenPoses]:
+def frames(robot: Poses, instrument: Poses, seed: int = 0) -> Identified[StatedPoses]:
     """Return base and target from poses of the same names in both: base_from_flange and instrument_from_target.
 
     Stated uncertainties of both are used, those of the robot in the instrument's frame; if neither states any, the residuals determine the
@@ -68,7 +68,7 @@ def frames(robot: Poses, instrument: Poses, seed: int = 0) -> Identified[GivenPo
     rows = measured(
         np.arange(len(both), dtype=np.float64)[:, None], seen.rows[:, :3], seen.rows[:, 3:] if seen.oriented else None, names=both
     )
-    model = GivenPoses(of_robot.rows)
+    model = StatedPoses(of_robot.rows)
     stated = ("position" not in seen.absent, "rotation" not in seen.absent and seen.oriented)
     rows = replace(rows, covariance=seen.covariances, stated=stated)
     # stated of whole poses, and more than nothing: then that is what they scatter by, and the robot's poses are given ones
@@ -80,7 +80,7 @@ def frames(robot: Poses, instrument: Poses, seed: int = 0) -> Identified[GivenPo
     return identify(model, _with_robot(rows, of_robot, found), Settings(seed=seed, own_noise=not determined))
 
 
-def _check_one(found: Identified[GivenPoses]) -> None:
+def _check_one(found: Identified[StatedPoses]) -> None:
     kept = found.kept & found.rows.placed
     places = found.rows.position[kept]
     off, spread = (float(np.sqrt((part**2).sum() / len(part))) for part in (found.errors_mm()[kept], places - places.mean(axis=0)))
@@ -88,7 +88,7 @@ def _check_one(found: Identified[GivenPoses]) -> None:
         raise RobotError(message("error.robot_and_instrument_still", off=off, spread=spread))
 
 
-def _with_robot(rows: Measurements, robot: Poses, found: Identified[GivenPoses]) -> Measurements:
+def _with_robot(rows: Measurements, robot: Poses, found: Identified[StatedPoses]) -> Measurements:
     """Rows with the robot's own uncertainty added, in the instrument's axes and at the target as the frames found have it."""
     state = found.state
     turn = se3.matrices(state.base)

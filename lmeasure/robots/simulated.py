@@ -174,8 +174,8 @@ class SimulatedRobot:
         """Carry out the commands from rest at the pose `start` (7,), since_s after the robot was cold; RobotError names the command that
         the arm cannot reach."""
         setpoints, spans = _setpoints(commands, start, self.ramp_s, rate_hz)
-        asked = self._joints(commands, setpoints, spans, rate_hz)
-        return self._gone(commands, setpoints, spans, asked, rate_hz, rng, since_s=since_s, progress=progress)
+        requested = self._joints(commands, setpoints, spans, rate_hz)
+        return self._gone(commands, setpoints, spans, requested, rate_hz, rng, since_s=since_s, progress=progress)
 
     def drive(
         self, joints: FloatArray, names: Sequence[str], rate_hz: float, rng: np.random.Generator, *, rates: FloatArray, dwell_s: float
@@ -193,11 +193,11 @@ class SimulatedRobot:
             spans.append(Span(begin, arrival + sum(self.ramp_s), arrival + sum(self.ramp_s) + dwell_s))
             knots += [arrival, spans[-1].end_s]
             rows += [row, row]
-        asked = _sampled(knots, np.array(rows), self.ramp_s, rate_hz)
-        setpoints = self.nominal.forward(asked)
-        ends = np.searchsorted(np.arange(len(asked)) / rate_hz, [s.end_s + 1e-9 for s in spans], side="right") - 1
+        requested = _sampled(knots, np.array(rows), self.ramp_s, rate_hz)
+        setpoints = self.nominal.forward(requested)
+        ends = np.searchsorted(np.arange(len(requested)) / rate_hz, [s.end_s + 1e-9 for s in spans], side="right") - 1
         commands = [Command(setpoints[end][None], np.inf, dwell_s, name) for name, end in zip(names, ends, strict=True)]
-        return self._gone(commands, setpoints, spans, asked, rate_hz, rng)
+        return self._gone(commands, setpoints, spans, requested, rate_hz, rng)
 
     def _there(self, begin: FloatArray, end: FloatArray) -> bool:
         """Return whether all joint values (n,) between two have a pose, nominal and built."""
@@ -214,7 +214,7 @@ class SimulatedRobot:
         commands: Sequence[Command],
         setpoints: FloatArray,
         spans: Sequence["Span"],
-        asked: FloatArray,
+        requested: FloatArray,
         rate_hz: float,
         rng: np.random.Generator,
         *,
@@ -222,11 +222,11 @@ class SimulatedRobot:
         progress: Callable[[int, int], None] | None = None,
     ) -> "Performance":
         """Return the robot's motion with requested joint values (n, axes)."""
-        n = len(asked)
+        n = len(requested)
         time_s = np.arange(n) / rate_hz
         out = np.empty((n, 7))
-        joints = self._servo(asked, rate_hz)
-        errors = self._errors(asked, spans, rate_hz, rng)
+        joints = self._servo(requested, rate_hz)
+        errors = self._errors(requested, spans, rate_hz, rng)
         first = np.concatenate([[0], [math.ceil(span.begin_s * rate_hz) for span in spans[1:]], [n]]).astype(int)
         for i, command in enumerate(commands):
             part = slice(first[i], first[i + 1])
@@ -238,7 +238,7 @@ class SimulatedRobot:
             out[part] = self.built.forward(turned, -self.growth * np.expm1(-(since_s + time_s[part]) / self.growth_s))
             if progress is not None:
                 progress(i + 1, len(commands))
-        return Performance(time_s, setpoints, out, tuple(commands), tuple(spans), asked)
+        return Performance(time_s, setpoints, out, tuple(commands), tuple(spans), requested)
 
     def _joints(self, commands: Sequence[Command], setpoints: FloatArray, spans: Sequence["Span"], rate_hz: float) -> FloatArray:
         try:
@@ -254,27 +254,27 @@ class SimulatedRobot:
                 )
             ) from None
 
-    def _servo(self, asked: FloatArray, rate_hz: float) -> FloatArray:
+    def _servo(self, requested: FloatArray, rate_hz: float) -> FloatArray:
         """(n, 6) joint angles that follow the setpoints, at rest before the first sample; setpoints run straight between samples."""
-        out = np.empty_like(asked)
+        out = np.empty_like(requested)
         for i, (w, z) in enumerate(zip(self.natural_rad_s, self.damping, strict=True)):
             numerator, denominator, _ = cont2discrete(([w * w], [1.0, 2.0 * z * w, w * w]), 1.0 / rate_hz, method="foh")
-            out[:, i] = asked[0, i] + lfilter(numerator[0], denominator, asked[:, i] - asked[0, i])
+            out[:, i] = requested[0, i] + lfilter(numerator[0], denominator, requested[:, i] - requested[0, i])
         return out
 
-    def _errors(self, asked: FloatArray, spans: Sequence["Span"], rate_hz: float, rng: np.random.Generator) -> FloatArray:
+    def _errors(self, requested: FloatArray, spans: Sequence["Span"], rate_hz: float, rng: np.random.Generator) -> FloatArray:
         """(n, 6) errors of the joints: drawn once for each command, taken up while it moves, kept while it rests."""
         axes = self.nominal.axes_count
         noise = rng.normal(size=(len(spans), axes)) * self.joint_noise_rad
         knots, values = [0.0], [np.zeros(axes)]
         for span, drawn in zip(spans, noise, strict=True):
-            end = min(round(span.arrival_s * rate_hz), len(asked) - 1)
+            end = min(round(span.arrival_s * rate_hz), len(requested) - 1)
             before = max(round((span.arrival_s - sum(self.ramp_s) - APPROACH_S) * rate_hz), 0)
-            way = asked[end] - asked[before]
+            way = requested[end] - requested[before]
             side = np.where(np.abs(way) > 1e-9, np.sign(way), 0.0)
             knots += [span.begin_s, span.arrival_s]
             values += [values[-1], drawn - 0.5 * self.backlash_rad * side]
-        time_s, table = np.arange(len(asked)) / rate_hz, np.array(values)
+        time_s, table = np.arange(len(requested)) / rate_hz, np.array(values)
         return np.column_stack([np.interp(time_s, knots, table[:, i]) for i in range(axes)])
 
 
@@ -297,7 +297,7 @@ class Performance:
     poses: FloatArray
     commands: tuple[Command, ...]
     spans: tuple[Span, ...]
-    asked: FloatArray
+    requested: FloatArray
 
 
 def _setpoints(

@@ -65,16 +65,16 @@ class Tree:
                 self._above[branch.child].append(branch)
                 self._below[branch.parent].append(branch)
 
-    def tip(self, asked: str | None) -> str:
+    def tip(self, requested: str | None) -> str:
         """Return the link at which the chain ends: the requested one, else the flange; RobotError for several candidates."""
-        if asked is not None:
-            if asked not in self._above:
-                joint = self.by_name.get(asked)
+        if requested is not None:
+            if requested not in self._above:
+                joint = self.by_name.get(requested)
                 known = message("robots.ends_of_chains", links=", ".join(self._leaves()))
                 if joint:
                     known = message("robots.is_a_joint", link=repr(joint.child))
-                raise RobotError(message("error.no_chain_of_joints_leads", where=self.path, asked=asked, known=known))
-            return asked
+                raise RobotError(message("error.no_chain_of_joints_leads", where=self.path, requested=requested, known=known))
+            return requested
         for branch in self.branches:
             for end, link in (("parent", branch.parent), ("child", branch.child)):
                 if not link:

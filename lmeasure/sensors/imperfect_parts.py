@@ -338,10 +338,10 @@ def every_part(rig: Rig, cables: tuple[Cable, ...]) -> Parts:
 def phased(rig: Rig, names: tuple[str, ...], poses: FloatArray, cables: tuple[Cable, ...]) -> Rig:
     """Return the rig with a `phase_length_mm` at all points with named rotating parts. If it states none, it is about the cable length at
     zeroing, at poses (m, 7), in whole millimetres."""
-    asked = {owner for owner, _, key in (name.rpartition(".") for name in names) if key in PHASED}
+    requested = {owner for owner, _, key in (name.rpartition(".") for name in names) if key in PHASED}
     lengths: dict[str, float] = {}
     for row, pose, c in zip(rig.cable_rows(cables), poses, cables, strict=True):
-        if c.from_point in asked and rig.point(c.from_point).phase_length_mm is None and c.from_point not in lengths:
+        if c.from_point in requested and rig.point(c.from_point).phase_length_mm is None and c.from_point not in lengths:
             way = pose[:3] + arms(row[None], pose[None])[0, 0] - row[kernels.BASE_XYZ]
             lengths[c.from_point] = float(np.rint(np.linalg.norm(way)))
     points = tuple(p.model_copy(update={"phase_length_mm": lengths[p.name]}) if p.name in lengths else p for p in rig.observation_point)

@@ -252,11 +252,11 @@ def simulate(scenario: Scenario, rig: Rig, went: tuple[FloatArray, FloatArray] |
         noise = {"noise_mm": scenario.noise_mm, "noise_deg": scenario.noise_deg}
         run = simulate_run(rig, time_s, poses, rng=rng, temperature_c=scenario.temperatures(len(time_s)), **noise)
     if scenario.reference_poses is not None:
-        asked = scenario.reference_poses
-        errors: dict[str, Any] = {"u_position_mm": asked.u_position_mm, "u_rotation_rad": math.radians(asked.u_rotation_deg)}
-        errors |= {"nominal_shift_mm": asked.nominal_shift_mm, "nominal_shift_deg": asked.nominal_shift_deg}
-        errors |= {"half_mm": asked.half_mm, "tilt_rad": asked.tilt_rad, "temperature_c": scenario.temperatures(asked.count)}
-        campaign = simulate_campaign(rig, asked.count, rng, centre=scenario.start_pose, **errors)
+        requested = scenario.reference_poses
+        errors: dict[str, Any] = {"u_position_mm": requested.u_position_mm, "u_rotation_rad": math.radians(requested.u_rotation_deg)}
+        errors |= {"nominal_shift_mm": requested.nominal_shift_mm, "nominal_shift_deg": requested.nominal_shift_deg}
+        errors |= {"half_mm": requested.half_mm, "tilt_rad": requested.tilt_rad, "temperature_c": scenario.temperatures(requested.count)}
+        campaign = simulate_campaign(rig, requested.count, rng, centre=scenario.start_pose, **errors)
     if scenario.unstated == "exact":
         return Simulated(run, campaign)
     return Simulated(

@@ -289,13 +289,13 @@ def _assemblies(linkage: Linkage, lengths: FloatArray, within_mm: float) -> dict
     }
 
 
-def _boundary(linkage: Linkage, pose: FloatArray, asked: Workspace) -> dict[str, Any]:
-    bounds = bounds_of(linkage, pose, asked.limit_deg, asked.length_mm)
-    axis = "xyz".index(next(x for x in "xyz" if x not in asked.plane))
-    reach = window_mm(linkage, pose) if asked.reach_mm is None else asked.reach_mm
-    pieces, said = slices(bounds, pose, asked.plane, asked.levels or (float(pose[axis]),), reach_mm=reach)
+def _boundary(linkage: Linkage, pose: FloatArray, requested: Workspace) -> dict[str, Any]:
+    bounds = bounds_of(linkage, pose, requested.limit_deg, requested.length_mm)
+    axis = "xyz".index(next(x for x in "xyz" if x not in requested.plane))
+    reach = window_mm(linkage, pose) if requested.reach_mm is None else requested.reach_mm
+    pieces, said = slices(bounds, pose, requested.plane, requested.levels or (float(pose[axis]),), reach_mm=reach)
     lines = [*(piece.line("xyz"[axis]) for piece in pieces), *said]
-    return {"plane": asked.plane, "reach_mm": reach, "slices": [piece.as_dict() for piece in pieces], "lines": lines}
+    return {"plane": requested.plane, "reach_mm": reach, "slices": [piece.as_dict() for piece in pieces], "lines": lines}
 
 
 def _away(linkage: Linkage, pose: FloatArray) -> float:

@@ -20,7 +20,7 @@ from lmeasure.core import WORDS, FloatArray, IntArray, LMeasureError, Status, se
 from lmeasure.linkages import LINKS, incidence
 from lmeasure.recording import Counts, Poses, Run, RunHead, read_counts
 from lmeasure.rig import CalibrationRecord, Rig
-from lmeasure.robots import ParallelFile, drawn, motion, nearness
+from lmeasure.robots import ParallelFile, mechanism_outline, motion, nearness
 from lmeasure.sensors import LengthResiduals, Lengths, length_residuals
 from lmeasure.structure import Linkage, described_lines
 from lmeasure.text import message, signs
@@ -506,10 +506,14 @@ def write_mechanism_recording(path: Path, file: ParallelFile) -> None:
     near = nearness(robot.jacobians(poses, joints).output, robot.units)
     with recording(Path(path), f"lmeasure mechanism {file.name}") as rec:
         rec.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        rec.log("/world/base", rr.LineStrips3D([metres(s) for s in drawn(file, robot.home).base], colors=GREY, radii=CABLE), static=True)
+        rec.log(
+            "/world/base",
+            rr.LineStrips3D([metres(s) for s in mechanism_outline(file, robot.home).base], colors=GREY, radii=CABLE),
+            static=True,
+        )
         for step, (pose, q) in enumerate(zip(poses, joints, strict=True)):
             rec.set_time("step", sequence=step)
-            at = drawn(file, pose)
+            at = mechanism_outline(file, pose)
             rec.log("/world/legs", rr.LineStrips3D([metres(s) for s in at.legs], colors=LEG, radii=CABLE))
             if at.arms:
                 rec.log("/world/arms", rr.LineStrips3D([metres(s) for s in at.arms], colors=ARM, radii=THICK))

@@ -163,13 +163,13 @@ class _Handler(BaseHTTPRequestHandler):
         if urlsplit(f"//{host}").hostname not in HERE:
             self.send_error(403)
             return
-        asked = urlsplit(self.path)
-        if asked.path == "/" and "url=" not in asked.query:
+        requested = urlsplit(self.path)
+        if requested.path == "/" and "url=" not in requested.query:
             self.send_response(302)
             self.send_header("Location", f"/?url={quote(f'http://{host}{RECORDING}', safe='')}&renderer=webgl")
             self.send_header("Content-Length", "0")
             self.end_headers()
-        elif asked.path == RECORDING:
+        elif requested.path == RECORDING:
             try:
                 with self.recording.open("rb") as file:
                     self._head("application/octet-stream", self.recording.stat().st_size)

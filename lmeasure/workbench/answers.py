@@ -84,12 +84,12 @@ def doubted(jobs: Jobs, folder: Path) -> frozenset[str]:
     for job in jobs.all():
         if job.state not in (DONE, FAILED):
             continue
-        asked = forms.of_words(job.command, job.words)
-        files = {*files_of(job, folder), *({str(asked["write"])} if asked.get("write") else ())}
+        requested = forms.of_words(job.command, job.words)
+        files = {*files_of(job, folder), *({str(requested["write"])} if requested.get("write") else ())}
         if job.state == FAILED:
             out |= files - good
         else:
-            good |= {*files, *({str(asked["rig"])} if job.command == "check" and asked.get("rig") else ())}
+            good |= {*files, *({str(requested["rig"])} if job.command == "check" and requested.get("rig") else ())}
     return frozenset(out)
 
 

@@ -38,8 +38,8 @@ async def jobs(request: Request) -> Response:
     if error or not isinstance(command, str) or command not in _commands() or not isinstance(given, dict):
         return JSONResponse({"error": error or "wanted: {command: one of those of /api/commands, settings: {name: value}}"}, 422)
     try:
-        asked = {key: _as_text(value) for key, value in given.items() if value is not None}
-        words = await run_in_threadpool(forms.asked, command, asked, bench.folder)
+        requested = {key: _as_text(value) for key, value in given.items() if value is not None}
+        words = await run_in_threadpool(forms.command_words, command, requested, bench.folder)
         job = await bench.jobs.begin(words)
     except LMeasureError as failed:
         return JSONResponse({"error": why("en", failed), "option": getattr(failed, "option", "")}, 422)

@@ -196,7 +196,7 @@ def defaults(command: str) -> dict[str, Any]:
     return {o.name: o.default for o in options_of(load(command).settings) if o.default and o.kind != "flag"}
 
 
-def asked(command: str, given: Mapping[str, Any], folder: Path) -> list[str]:
+def command_words(command: str, given: Mapping[str, Any], folder: Path) -> list[str]:
     """Return the words after `lmeasure` for a filled form.
 
     SettingsError, with its option, for a missing value, one out of range, or a path out of the project; LMeasureError for a command that
@@ -225,8 +225,10 @@ def existing(command: str, given: Mapping[str, Any], folder: Path) -> str:
     """Return the first file of the project that a filled in form would write and that exists; empty where it may be replaced."""
     settings = load(command).settings
     paths = {o.name for o in options_of(settings) if o.kind == "path"}
-    asked = settings.model_validate({n: str(folder / v) if n in paths and isinstance(v, str) else v for n, v in given.items()})
-    there = () if not isinstance(asked, Writing) or asked.force else asked.paths().outputs  # from the project, too, where nobody named it
+    requested = settings.model_validate({n: str(folder / v) if n in paths and isinstance(v, str) else v for n, v in given.items()})
+    there = (
+        () if not isinstance(requested, Writing) or requested.force else requested.paths().outputs
+    )  # from the project, too, where nobody named it
     return next((os.path.relpath(folder / path, folder) for path in there if os.path.lexists(folder / path)), "")
 
 
@@ -261,7 +263,7 @@ def written_down(command: str, given: Mapping[str, Any]) -> str:
 
 
 def of_words(command: str, words: Sequence[str]) -> dict[str, Any]:
-    """Return the fields of a form from a job's command line: the inverse of `asked`."""
+    """Return the fields of a form from a job's command line: the inverse of `command_words`."""
     options = options_of(load(command).settings)
     flags = {option.flag.partition("/")[0]: option for option in options}
     model = load(command).settings.model_fields

@@ -124,9 +124,9 @@ class Jobs:
         environment = os.environ | {"LMEASURE_EVENTS": "1", "LANGUAGE": self.language, "PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8"}
         begin = words.index("--") if "--" in words else len(words)
         job.process = await processes.begun([*words[:begin], "--json", *words[begin:]], self.folder, environment)
-        asked = {"number": number, "command": job.command, "words": words, "begun": job.begun, "process": job.process.pid}
+        requested = {"number": number, "command": job.command, "words": words, "begun": job.begun, "process": job.process.pid}
         try:
-            _write(folder / "asked.json", asked)
+            _write(folder / "asked.json", requested)
         except OSError:
             # nobody would know of it
             job.process.kill()
@@ -235,8 +235,10 @@ async def _lines(stream: asyncio.StreamReader) -> AsyncIterator[bytes]:
 def _read(folder: Path) -> Job | None:
     """A job of an earlier server."""
     try:
-        asked = json.loads(read_regular(folder / "asked.json", LARGEST))
-        job = Job(int(asked["number"]), str(asked["command"]), [str(w) for w in asked["words"]], str(asked["begun"]), folder)
+        requested = json.loads(read_regular(folder / "asked.json", LARGEST))
+        job = Job(
+            int(requested["number"]), str(requested["command"]), [str(w) for w in requested["words"]], str(requested["begun"]), folder
+        )
     except (LMeasureError, OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     with contextlib.suppress(LMeasureError, OSError):

@@ -113,11 +113,11 @@ def _made(folder: Path) -> None:
 async def one_command(request: Request) -> Response:
     """Answer with the form of any command, filled from the address; posted, it begins a job."""
     form = await form_of(request) if request.method == "POST" else None
-    asked = await run_in_threadpool(_asked, request, form)
-    if isinstance(asked, Response):
-        return asked
+    requested = await run_in_threadpool(_asked, request, form)
+    if isinstance(requested, Response):
+        return requested
     try:
-        job = await bench_of(request).jobs.begin(asked)
+        job = await bench_of(request).jobs.begin(requested)
     except LMeasureError as error:
         return await run_in_threadpool(_wrong, request, form or {}, error)
     return RedirectResponse(f"/jobs/{job.number}", 303)
@@ -135,7 +135,7 @@ def _asked(request: Request, form: Form | None) -> Response | list[str]:
         return _form(request, name, given=forms.defaults(name) | given) if "_form" in query else _form(request, name, reported=given)
     given = forms.filled_in(name, form)
     try:
-        words = forms.asked(name, given, bench.folder)
+        words = forms.command_words(name, given, bench.folder)
         option, text = lacking(name, given)
         if option:
             raise SettingsError(option, said(language_of(request), text))
@@ -166,7 +166,7 @@ def line(request: Request, form: Form) -> Response:
     given = forms.filled_in(name, form)
     words = forms.written_down(name, given)
     try:
-        forms.asked(name, given, bench.folder)
+        forms.command_words(name, given, bench.folder)
     except LMeasureError as error:
         language = language_of(request)
         text = said(language, error.text) if isinstance(error, SettingsError) else why(language, error)
@@ -205,13 +205,13 @@ def job(request: Request) -> Response:
 def _onward(job: Job) -> tuple[tuple[str, str], ...]:
     """Return the next steps after a job, none if it failed, or was ended before it had written anything. A self-test that found faults is
     repeated with the corrected rig."""
-    asked = _query(job)
-    if job.command == "check" and job.state == FAILED and asked.get("write"):
-        corrected = asked | {"rig": asked["write"], "write": ""}
+    requested = _query(job)
+    if job.command == "check" and job.state == FAILED and requested.get("write"):
+        corrected = requested | {"rig": requested["write"], "write": ""}
         return ((f"/run/check?{urlencode(corrected, doseq=True)}", "workbench.take_corrected_rig_check"),)
     if job.state == FAILED or (job.state != DONE and job.command not in LASTING):
         return ()
-    given = defaultdict(str, {key: quote(value) for key, value in asked.items() if isinstance(value, str)})
+    given = defaultdict(str, {key: quote(value) for key, value in requested.items() if isinstance(value, str)})
     return tuple((address.format_map(given), text) for address, text in ONWARD.get(job.command, ()))
 
 

@@ -191,7 +191,7 @@ async def _forked(words: list[str], folder: Path, environment: Mapping[str, str]
     """One that is forked; None where none can be."""
     if not prepared.ready():
         return None
-    asked = json.dumps({"words": words, "folder": str(folder), "environment": dict(environment)}).encode() + b"\n"
+    requested = json.dumps({"words": words, "folder": str(folder), "environment": dict(environment)}).encode() + b"\n"
     with contextlib.ExitStack() as here, contextlib.ExitStack() as there:
         read, typed = _pipe(there, here)
         said, stdout = _pipe(here, there)
@@ -206,7 +206,7 @@ async def _forked(words: list[str], folder: Path, environment: Mapping[str, str]
     streams = Typed(typed), await _reader(said), await _reader(shown)
     try:
         pid = int(await asyncio.wait_for(reported.readline(), ANSWER_S))
-        asking.write(asked)
+        asking.write(requested)
     except (OSError, TimeoutError, ValueError):
         # it has died: what it forked meanwhile finds nobody who asks, and ends
         asking.close()

@@ -71,12 +71,12 @@ def charts(request: Request) -> Response:
     """The results of a subject; one of them over time, with control charts and forecast."""
     from lmeasure.register import control_charts, forecast
 
-    asked = {key: request.query_params.get(key, "") for key in ("subject", "kind", "result")}
+    requested = {key: request.query_params.get(key, "") for key in ("subject", "kind", "result")}
     with _opened(request) as register:
-        names = register.results(asked["subject"], asked["kind"])
-        if asked["result"] not in names:
-            return _page(request, "results", **asked, names=names)
-        days, values, u, unit = register.series(asked["subject"], asked["result"], asked["kind"])
+        names = register.results(requested["subject"], requested["kind"])
+        if requested["result"] not in names:
+            return _page(request, "results", **requested, names=names)
+        days, values, u, unit = register.series(requested["subject"], requested["result"], requested["kind"])
     rows = [(_date(d), float(v), None if np.isnan(s) else float(s)) for d, v, s in zip(days, values, u, strict=True)]
     drawn, low, high, reason = [_values(days, values, u)], None, None, ""
     if len(values) >= BASELINE:
@@ -89,7 +89,7 @@ def charts(request: Request) -> Response:
     except CertificationError as error:
         reason = reason or why(language_of(request), error)
     shown = {"unit": unit, "rows": rows, "charts": drawn, "interval": None if low is None else (low, high), "reason": reason}
-    return _page(request, "charts", **asked, **shown, baseline=BASELINE, width=WIDTH, high=HIGH)
+    return _page(request, "charts", **requested, **shown, baseline=BASELINE, width=WIDTH, high=HIGH)
 
 
 def due_list(request: Request) -> Response:

@@ -251,7 +251,7 @@ def run_verify(settings: VerifySettings, progress: Progress = silent) -> Result:
         found = replace(found, authorised=names.get(found.signer or "", ""))
     figures: dict[str, float] = {"figures": found.figures, "differences": len(found.differences), "not_compared": len(found.skipped)}
     figures |= {"largest_relative_difference": found.largest} if found.figures else {}
-    return Result(found, tuple(report_lines(found, asked=key is not None)), figures, exit_code=found.exit_code)
+    return Result(found, tuple(report_lines(found, requested=key is not None)), figures, exit_code=found.exit_code)
 
 
 def _authorised(path: Path | None) -> dict[str, str]:

@@ -151,16 +151,16 @@ def silent(fraction: float, text: str) -> None:
 
 @dataclass
 class Ending:
-    """Progress of a recording until the user ends it: CancelledError is no error then, nor is Ctrl-C. asked: it was raised."""
+    """Progress of a recording until the user ends it: CancelledError is no error then, nor is Ctrl-C. ended: the user has ended it."""
 
     progress: Progress
-    asked: bool = False
+    ended: bool = False
 
     def __call__(self, seconds: float, of_seconds: float | None, text: str) -> None:
         try:
             self.progress(min(1.0, seconds / of_seconds) if of_seconds else 0.0, text)
         except CancelledError:
-            self.asked = True
+            self.ended = True
 
 
 def steps(progress: Progress, text: str) -> Callable[[int, int], None]:

@@ -12,7 +12,7 @@ from lmeasure.workflows.settings import LANGUAGE, RERUN, Names, Paths, Recording
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from lmeasure.robots import AnyRobot, HeldOut, Identified, Measurements, Noted
+    from lmeasure.robots import AnyRobot, CrossValidation, Identified, Measurements, Noted
 
 
 MAPPING = "NAME=COLUMN[UNIT],..."
@@ -76,13 +76,13 @@ def run_identify(settings: IdentifySettings, progress: Progress = silent) -> Res
         FAMILIES,
         Settings as Chosen,
         check_foreign,
-        given,
         identify,
         identify_with_choice,
         mended,
         predict,
         prediction_columns,
         read_measurements,
+        read_robot_measurements,
         summary,
         unmoved_in,
     )
@@ -99,13 +99,13 @@ def run_identify(settings: IdentifySettings, progress: Progress = silent) -> Res
     if "stiffness" in settings.free and getattr(robot, "payload", None) is None:
         raise SettingsError("free", message("error.stiffness_needs_a_load"))
     turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
-    measured = given(settings.measurements, settings.joints, robot.model, Stated(columns, settings.u_position_mm, turn))
+    measured = read_robot_measurements(settings.measurements, settings.joints, robot.model, Stated(columns, settings.u_position_mm, turn))
     rows = measured.rows
     # read before anything is computed: what cannot be read is said at once
-    asked = None if settings.predict is None else read_measurements(settings.predict, robot.model, columns, joints_alone=True)
+    requested = None if settings.predict is None else read_measurements(settings.predict, robot.model, columns, joints_alone=True)
     unasked: list[str] = []
-    if asked is not None:
-        asked, unasked = _measured_targets(asked, rows, settings.predict)
+    if requested is not None:
+        requested, unasked = _measured_targets(requested, rows, settings.predict)
     progress(0.05, "looking for slips")
     mend = mended(robot, rows, settings.seed)
     progress(0.2, "identifying")
@@ -132,12 +132,12 @@ def run_identify(settings: IdentifySettings, progress: Progress = silent) -> Res
     found, record = done.found, done.record
     progress(0.9, "writing")
     names = write_identification(out, mend.robot, done, settings.language or of_terminal())
-    if asked is not None:
-        of = np.array([rows.targets.index(asked.targets[i]) for i in asked.target_of])
-        joints = mend.joints(asked.joints)
+    if requested is not None:
+        of = np.array([rows.targets.index(requested.targets[i]) for i in requested.target_of])
+        joints = mend.joints(requested.joints)
         predicted = predict(found, joints, of)
         findings = (*findings, *unmoved_in(found, joints, predicted.u95_mm, str(settings.predict)))
-        files.write_table(out / "predictions.csv", prediction_columns(asked.names, predicted))
+        files.write_table(out / "predictions.csv", prediction_columns(requested.names, predicted))
         names.insert(names.index("report.html") + 1, "predictions.csv")
     if settings.rerun is not None:
         _record(settings.rerun, found, done.held, findings)
@@ -148,7 +148,7 @@ def run_identify(settings: IdentifySettings, progress: Progress = silent) -> Res
     return Result(found, (*lines, written), figures, reported)
 
 
-def _record(path: Path, found: "Identified[Any]", held: "HeldOut | None", findings: "Iterable[Noted]") -> None:
+def _record(path: Path, found: "Identified[Any]", held: "CrossValidation | None", findings: "Iterable[Noted]") -> None:
     """Draw the measured positions, and the errors of the nominal and the identified robot, at validation rows with their U95."""
     import numpy as np
 
@@ -162,18 +162,18 @@ def _record(path: Path, found: "Identified[Any]", held: "HeldOut | None", findin
     write_scene(path, found.nominal.name, points=points, series=series, notes=[f"{f.code}: {f.text}" for f in findings])
 
 
-def _measured_targets(asked: "Measurements", rows: "Measurements", path: Path | None) -> "tuple[Measurements, list[str]]":
+def _measured_targets(requested: "Measurements", rows: "Measurements", path: Path | None) -> "tuple[Measurements, list[str]]":
     """Return the rows to predict whose target was measured, and a line for each target that was not; SettingsError where none was."""
     import numpy as np
 
-    strange = [name for name in asked.targets if name not in rows.targets]
-    keep = np.array([asked.targets[i] not in strange for i in asked.target_of], dtype=np.bool_)
+    strange = [name for name in requested.targets if name not in rows.targets]
+    keep = np.array([requested.targets[i] not in strange for i in requested.target_of], dtype=np.bool_)
     measured = ", ".join(rows.targets)
     if not keep.any():
         raise SettingsError("predict", message("error.target_was_not_measured", where=path, strange=strange[0], measured=measured))
-    counts = {name: int((asked.target_of == asked.targets.index(name)).sum()) for name in strange}
+    counts = {name: int((requested.target_of == requested.targets.index(name)).sum()) for name in strange}
     reported: list[str] = [message("workflows.target_not_measured", name=name, measured=measured, n=n) for name, n in counts.items()]
-    return asked.of(np.flatnonzero(keep)), reported
+    return requested.of(np.flatnonzero(keep)), reported
 
 
 def frames_of(robot: "AnyRobot") -> list[str]:

@@ -124,8 +124,8 @@ def _asked(ask: Ask, template: "Template") -> "Answers":
         "count_length_mm": _numbers(ask, message("workflow.cable_per_count_mm"), (DRUM["count_length_mm"],), least=LEAST_MM)[0],
         "groove_pitch_mm": _numbers(ask, message("workflow.groove_pitch_drums_mm"), (DRUM["groove_pitch_mm"],))[0],
     }
-    asked = message("workflow.radius_swivel_pulleys_middle")
-    radius = _numbers(ask, asked, (PULLEY_RADIUS_MM,), least=0)
+    requested = message("workflow.radius_swivel_pulleys_middle")
+    radius = _numbers(ask, requested, (PULLEY_RADIUS_MM,), least=0)
     positions = {f"B{i}": _numbers(ask, message("workflow.b_where_swivel_axis", i=i), place) for i, place in enumerate(template.points, 1)}
     tool = {f"P{i}": _numbers(ask, message("workflow.p_attachment_point_x", i=i), at) for i, at in enumerate(template.tool, 1)}
     measured = None if radius[0] == PULLEY_RADIUS_MM else radius[0]
@@ -143,7 +143,7 @@ def _numbers(
     ask: Ask, question: str, default: tuple[float, ...], *, whole: bool = False, least: float = -MOST_MM, most: float = MOST_MM
 ) -> tuple[float, ...]:
     """Return the answer, with as many numbers as the default; the question is repeated until it is right, within least and most."""
-    asked = question
+    requested = question
     while True:
         answer = ask(question, ",".join(f"{v:g}" for v in default))
         try:
@@ -155,10 +155,10 @@ def _numbers(
             if beyond is None:
                 return values
             code, limit = ("init.at_least", least) if beyond < least else ("init.at_most", most)
-            question = message(code, answer=answer, limit=limit, question=asked)
+            question = message(code, answer=answer, limit=limit, question=requested)
             continue
         code = "init.not_whole" if whole else "init.not_number" if len(default) == 1 else "init.not_numbers"
-        question = message(code, answer=answer, n=len(default), question=asked)
+        question = message(code, answer=answer, n=len(default), question=requested)
 
 
 class PlaceSettings(Writing):

@@ -79,7 +79,7 @@ def run_record(settings: RecordSettings, progress: Progress = silent, show: "Sho
             paced=not settings.fast,
             show=None if show is None and progress is silent else reported,
             each=each,
-            stop=lambda: ending.asked,
+            stop=lambda: ending.ended,
             say=said,
         )
     ended = recording.ended
@@ -186,7 +186,7 @@ def run_watch(settings: WatchSettings, progress: Progress = silent, show: "Show 
             seconds=settings.seconds,
             show=reported,
             each=taker,
-            stop=lambda: ending.asked,
+            stop=lambda: ending.ended,
         )
     finally:
         link.source.close()
@@ -235,7 +235,7 @@ def run_scan(
 
     source = open_source(settings.bus, settings.bit_rate, options_from_text(settings.bus_option))
     try:
-        found_there = listen(source, settings.seconds, show=reported, stop=lambda: ending.asked)
+        found_there = listen(source, settings.seconds, show=reported, stop=lambda: ending.ended)
     finally:
         source.close()
     heard: list[dict[str, Any]] = [

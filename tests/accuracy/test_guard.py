@@ -40,13 +40,13 @@ def test_a_path_is_judged_at_the_orientation_its_program_states(tmp_path: Path) 
     states no orientation it is the one that was asked for."""
     begin, end = Rotation.from_rotvec([0.2, -0.1, 0.15]), Rotation.from_rotvec([-0.15, 0.2, 0.1])
     middle = begin * Rotation.from_rotvec(0.5 * (begin.inv() * end).as_rotvec())
-    asked = Rotation.from_rotvec([0.0, 0.1, 0.0])
+    requested = Rotation.from_rotvec([0.0, 0.1, 0.0])
     line = 'kind = "linear"\nstart_mm = [-50.0, 0.0, 20.0]\nend_mm = [50.0, 40.0, 20.0]\n'
     first = f"quaternion_xyzw = {begin.as_quat().tolist()}\n"
     text = 'schema = "lmeasure.program/1"\n'
     for name, at, turn in (
         ("begin", [-50.0, 0.0, 20.0], begin), ("middle", [0.0, 20.0, 20.0], middle), ("end", [50.0, 40.0, 20.0], end),
-        ("kept", [50.0, 40.0, 20.0], begin), ("asked", [50.0, 40.0, 20.0], asked),
+        ("kept", [50.0, 40.0, 20.0], begin), ("asked", [50.0, 40.0, 20.0], requested),
     ):  # fmt: skip
         text += f'[[pose]]\nname = "{name}"\nposition_mm = {at}\nquaternion_xyzw = {turn.as_quat().tolist()}\n'
     text += f'[[path]]\nname = "turning"\n{line}{first}end_quaternion_xyzw = {end.as_quat().tolist()}\n'
@@ -54,7 +54,7 @@ def test_a_path_is_judged_at_the_orientation_its_program_states(tmp_path: Path) 
     (tmp_path / "program.toml").write_text(text)
     rig = read_rig(RIG)
     zone = scan_zone(rig, None, x=axis(-100, 100, 100), y=axis(-100, 100, 100), z=axis(-100, 100, 100), rotations=tilts(0, 1))
-    parts = {p.name: p for p in guard(rig, None, zone, read_program(tmp_path / "program.toml"), rotation=asked, step_mm=9.0)}
+    parts = {p.name: p for p in guard(rig, None, zone, read_program(tmp_path / "program.toml"), rotation=requested, step_mm=9.0)}
 
     def figures(name: str, at: int = 0) -> list[float]:
         return [float(parts[name].angle_deg[at]), float(parts[name].u95_mm[at])]

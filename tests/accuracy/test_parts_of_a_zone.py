@@ -271,16 +271,16 @@ def test_play_that_is_known_counts_once_where_the_counter_was_zeroed() -> None:
 
 
 def test_the_settings_one_by_one_are_those_of_a_scan(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[tuple[Any, ...]] = []
-    monkeypatch.setattr(zones, "map_zone", lambda *given, **more: asked.append((*given, more)))
+    requested: list[tuple[Any, ...]] = []
+    monkeypatch.setattr(zones, "map_zone", lambda *given, **more: requested.append((*given, more)))
     nodes: dict[str, Any] = {"x": np.zeros(1), "y": np.ones(1), "z": np.full(1, 2.0)}
     scan_zone(cell(), None, **nodes, rotations=ONE)
-    assert asked[-1][4] == {"scan": Scan(), "progress": None}
-    assert [float(a[0]) for a in asked[-1][2]] == [0.0, 1.0, 2.0]
+    assert requested[-1][4] == {"scan": Scan(), "progress": None}
+    assert [float(a[0]) for a in requested[-1][2]] == [0.0, 1.0, 2.0]
     scan_zone(
         cell(), None, **nodes, rotations=ONE, limit_deg=75.0, length_limits=(100.0, 200.0), full=True, start=START, workers=2, refine=0.1
     )
-    assert asked[-1][4]["scan"] == replace(Scan(limits=Limits(75.0, (100.0, 200.0))), full=True, start=START, workers=2, refine=0.1)
+    assert requested[-1][4]["scan"] == replace(Scan(limits=Limits(75.0, (100.0, 200.0))), full=True, start=START, workers=2, refine=0.1)
     assert Scan() == Scan(limits=Limits(60.0, None), full=False, bodies=(), reliability=False)
 
 

@@ -114,13 +114,13 @@ def test_few_places_beside_a_single_body_keep_their_distance_from_it() -> None:
 def test_few_places_of_a_single_point_have_its_uncertainty() -> None:
     """And that of the rotation; without a point neither."""
     plan = replace(plan_of(cell(0), 150.0, 300.0, 1), quaternions=np.array([[0.0, 0.0, 0.0, 1.0]]))
-    asked, every = [kernels.U95_ROTATION, kernels.U95_ATTACHMENT], [scalar(replace(plan, points=plan.points[:n]))[0] for n in (0, 1, 3)]
-    assert not every[0][asked].any()
-    assert not run(replace(plan, points=plan.points[:0]))[0][asked].any()
+    requested, every = [kernels.U95_ROTATION, kernels.U95_ATTACHMENT], [scalar(replace(plan, points=plan.points[:n]))[0] for n in (0, 1, 3)]
+    assert not every[0][requested].any()
+    assert not run(replace(plan, points=plan.points[:0]))[0][requested].any()
     np.testing.assert_array_equal(every[1][kernels.U95_ROTATION], every[2][kernels.U95_ROTATION])
     assert (every[1][kernels.U95_ATTACHMENT] > every[1][kernels.U95_POSITION]).any()
     assert (every[1][kernels.U95_ATTACHMENT] <= every[2][kernels.U95_ATTACHMENT]).all()
-    np.testing.assert_allclose(run(replace(plan, points=plan.points[:1]))[0][asked], every[1][asked], rtol=1e-9)
+    np.testing.assert_allclose(run(replace(plan, points=plan.points[:1]))[0][requested], every[1][requested], rtol=1e-9)
 
 
 def test_few_places_where_nothing_holds() -> None:

@@ -183,7 +183,7 @@ def test_a_person_is_walked_through_it(faults: dict[str, Any], code: int, verdic
     command += ["--bus", f"udp_multicast:{group['channel']}", "--bus-option", f"port={group['port']}"]
     turns = faults.get("turns", True)
     command += [] if turns else ["--no-turns"]
-    asked, after = [], []
+    requested, after = [], []
     with subprocess.Popen(
         command,
         stdin=subprocess.PIPE,
@@ -201,10 +201,10 @@ def test_a_person_is_walked_through_it(faults: dict[str, Any], code: int, verdic
                     after.append(line.rstrip())
                     continue
                 number, _, text = line.partition(" ")
-                asked.append((number, text))
+                requested.append((number, text))
                 bench.do(text)
                 # the first fault is looked at again, once
-                again = "Type r" in text and sum("Type r" in one for _, one in asked) == 1
+                again = "Type r" in text and sum("Type r" in one for _, one in requested) == 1
                 process.stdin.write("r\n" if again else "\n")
                 process.stdin.flush()
             complaint = process.stderr.read()
@@ -212,11 +212,11 @@ def test_a_person_is_walked_through_it(faults: dict[str, Any], code: int, verdic
             process.kill()
             bench.close()
     assert process.wait() == code, complaint
-    assert asked[0][1].startswith("Leave all cables at rest")
+    assert requested[0][1].startswith("Leave all cables at rest")
     steps = 1 + 2 * (5 if turns else 3)
-    assert asked[-1][0].startswith(f"{steps}/{steps}")
+    assert requested[-1][0].startswith(f"{steps}/{steps}")
     # a question for each cable that was wrong, and the first of them done again
-    assert len(asked) == steps + (2 + 1 + 3 if faults else 0)
+    assert len(requested) == steps + (2 + 1 + 3 if faults else 0)
     shown = " ".join(" ".join(after).split())
     for verdict in verdicts:
         assert verdict in shown

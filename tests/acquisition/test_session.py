@@ -132,9 +132,9 @@ def test_passes_of_one_motion_join_one_folder(recorded: Path, tmp_path: Path) ->
         ({"options": ["host"]}, "--bus-option 'host': is not KEY=VALUE"),
     ],
 )
-def test_a_wrong_option_is_refused_in_one_line(asked: dict[str, Any], complaint: str, recorded: Path, tmp_path: Path) -> None:
+def test_a_wrong_option_is_refused_in_one_line(requested: dict[str, Any], complaint: str, recorded: Path, tmp_path: Path) -> None:
     with pytest.raises(LMeasureError, match=complaint):
-        record_session(recorded / "rig.toml", f"replay:{recorded / 'run' / 'pass1.log'}", tmp_path / "run", paced=False, **asked)
+        record_session(recorded / "rig.toml", f"replay:{recorded / 'run' / 'pass1.log'}", tmp_path / "run", paced=False, **requested)
     assert not (tmp_path / "run").exists()
 
 

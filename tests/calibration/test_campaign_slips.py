@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 from real_rig import scattered
-from real_world import Case, Made, make
+from real_world import Case, RealCampaign, make
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import Calibration, Campaign, calibrate
@@ -17,7 +17,7 @@ SLIPS = {"columns", "outlier", "exchanged_poses", "angles", "sign", "scale", "sw
 
 
 @cache
-def made(poses: int, stated: bool) -> Made:
+def made(poses: int, stated: bool) -> RealCampaign:
     return make(Case(u_mm=0.03, stated=(0.03, 50e-6) if stated else None, poses=poses), 3, samples=2)
 
 
@@ -26,7 +26,7 @@ def sound_mm(poses: int, stated: bool) -> float:
     return error_mm(calibrate(made(poses, stated).campaign).rig, made(poses, stated))
 
 
-def error_mm(rig: Rig, world: Made) -> float:
+def error_mm(rig: Rig, world: RealCampaign) -> float:
     """Root mean square error of the changes of lengths at poses that no campaign has."""
     poses = scattered(np.random.default_rng(8), 200)
     error = span_lengths(rig, poses) - world.truth.spans(poses)[0]

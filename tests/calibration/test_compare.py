@@ -171,8 +171,8 @@ def test_command_prints_the_table_and_writes_it_into_the_page(tmp_path: Path) ->
     points = [line for line in result.splitlines() if line.startswith(("B1 ", "B2 ", "B3 ", "all "))]
     assert len(points) == 4
     assert [line for line in own.splitlines() if line.startswith(("B1 ", "B2 ", "B3 ", "all "))] == points
-    with client(tmp_path) as asked:
-        text = unescape(asked.get("/calibrations?old=old/calibration.json&new=new/calibration.json").text)
+    with client(tmp_path) as requested:
+        text = unescape(requested.get("/calibrations?old=old/calibration.json&new=new/calibration.json").text)
     rows = [re.sub(r"<[^>]*>", " ", row).split() for row in re.findall(r"<tr class=.*?</tr>", text)]
     assert [row[0] for row in rows] == ["B1", "B2", "B3", "all"]
     assert [row[-1] == "moved" for row in rows] == [line.endswith("moved") for line in points]

@@ -100,12 +100,12 @@ def test_one_length_gives_the_scale_that_counts_do_not() -> None:
 def test_derivatives_of_a_distance_are_those_of_finite_differences() -> None:
     campaign, _ = campaign_at(swivelled(1), 5, 0)
     model = model_of(campaign, unknowns_of(campaign, ("position", "guide")), tuple(range(6)), "rig")
-    asked = Distance("2", "4", 100.0, 0.1)
-    _, g = distance_of(model, model.start, asked)
+    requested = Distance("2", "4", 100.0, 0.1)
+    _, g = distance_of(model, model.start, requested)
     for i in np.flatnonzero(g):
         step = np.zeros(len(g))
         step[i] = 1e-4
-        numeric = (distance_of(model, model.start + step, asked)[0] - distance_of(model, model.start - step, asked)[0]) / 2e-4
+        numeric = (distance_of(model, model.start + step, requested)[0] - distance_of(model, model.start - step, requested)[0]) / 2e-4
         assert abs(g[i] - numeric) < 1e-6
     for wrong, text in ((Distance("2", "9", 1.0, 0.1), "'9' is none of the counted poses"), (Distance("2", "2", 1.0, 0.1), "are one pose")):
         with pytest.raises(CalibrationError, match=text):
@@ -205,14 +205,14 @@ def test_counts_that_were_lost_are_no_point_that_moved() -> None:
 def test_commands_write_a_new_rig_or_one_line(tmp_path: Path) -> None:
     true, _, _ = recorded("typical")
     write_run(tmp_path / "run", ordinary(true, 2))
-    asked = ["calibrate", tmp_path / "run", "--out"]
-    assert "the region of the predicted lengths" in ran(*asked, tmp_path / "new", "--continue", "--samples", "20")
+    requested = ["calibrate", tmp_path / "run", "--out"]
+    assert "the region of the predicted lengths" in ran(*requested, tmp_path / "new", "--continue", "--samples", "20")
     assert (tmp_path / "new" / "rig.toml").exists()
     for more, text in (
         ([], "a run has no reference poses"),
         (["--self", "--distance", "start,99,100,0.1"], "99 s lies outside of"),
         (["--continue", "--rig", tmp_path / "new" / "rig.toml"], "the record already contains its counts"),
     ):
-        assert text in refused(*asked, tmp_path / "x", *more)
-    refused(*asked, tmp_path / "x", "--self", "--distance", "start,100,0.1", code=2)
+        assert text in refused(*requested, tmp_path / "x", *more)
+    refused(*requested, tmp_path / "x", "--self", "--distance", "start,100,0.1", code=2)
     assert not (tmp_path / "x" / "rig.toml").exists()

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.optimize
-from random_campaigns import Drawn, draw, true_unknowns
+from random_campaigns import RandomCampaign, draw, true_unknowns
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import CalibrationSettings, Campaign, Model, calibrate, compare, unknowns_of
@@ -29,7 +29,7 @@ XYZ: dict[str, Any] = {"points": 6, "poses": 36, "oriented": False, "u_position_
 SELF = CalibrationSettings(self_calibration=True)
 
 
-def solved(drawn: Drawn, frame: Any = "rig", prior: bool = False) -> tuple[Model, Fit]:
+def solved(drawn: RandomCampaign, frame: Any = "rig", prior: bool = False) -> tuple[Model, Fit]:
     campaign = drawn.campaign
     return solve_jointly(
         campaign, ("position", "guide"), prior, free_components(campaign, not campaign.poses.oriented), frame=frame, seed=0
@@ -148,7 +148,7 @@ def codes(record: CalibrationRecord) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def rounded() -> Drawn:
+def rounded() -> RandomCampaign:
     return draw(1, **(FEW | {"noise": "rounded"}))
 
 
@@ -158,7 +158,7 @@ def counted_wrong(campaign: Campaign, change: Any) -> Campaign:
     return replace(campaign, counts=counts)
 
 
-def test_a_wild_count_is_named_and_the_robust_loss_takes_its_pose_back(rounded: Drawn) -> None:
+def test_a_wild_count_is_named_and_the_robust_loss_takes_its_pose_back(rounded: RandomCampaign) -> None:
     def wild(counts: FloatArray) -> None:
         counts[7, 2] += 200
 
@@ -241,7 +241,7 @@ def test_the_record_has_what_others_have() -> None:
     assert all(p.U95 and p.U95 > 0 for p in record.parameters)
 
 
-def visited(drawn: Drawn, seed: int, u_mm: float) -> Campaign:
+def visited(drawn: RandomCampaign, seed: int, u_mm: float) -> Campaign:
     """Each of the last ten poses comes a second time, where the robot repeats itself to u_mm."""
     campaign, rng = drawn.campaign, np.random.default_rng(seed)
     n, again = len(campaign.poses), np.arange(len(campaign.poses) - 10, len(campaign.poses))

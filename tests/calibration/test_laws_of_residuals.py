@@ -235,7 +235,7 @@ def test_poses_that_were_counted_have_unknowns_and_others_have_none(free: tuple[
     assert model.nuisance is not None
     assert model.nuisance.shared.tolist() == [0, 1, 2]
     assert [("a", "b", "c", "e", "f")[k] for k in model.nuisance.of] == [campaign.poses.names[i] for i in model.pose_index]
-    assert "pose e: its recorded cables do not determine all its unknowns" in model.untold(3)
+    assert "pose e: its recorded cables do not determine all its unknowns" in model.undetermined_block(3)
     theta = model.start.copy()
     theta[model.own :] = np.linspace(0.5, 2.0, len(theta) - model.own)
     moved = model.poses(theta)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from random_campaigns import Drawn, draw, true_values
+from random_campaigns import RandomCampaign, draw, true_values
 from scipy.stats import chi2
 from zeroed import exactly, zeroed_exactly
 
@@ -73,7 +73,7 @@ def test_an_exact_zero_errs_not_and_is_read_where_it_is_not_zero() -> None:
     assert not V[first, second].any()
 
 
-def in_passes(drawn: Drawn, to: str) -> Campaign:
+def in_passes(drawn: RandomCampaign, to: str) -> Campaign:
     """The campaign of a single cable counted in a second pass too, on the same channel to an attachment point."""
     data = drawn.truth.to_dict()
     data["cable"].append(dict(data["cable"][0], name="again", to=to) | {"pass": 2})

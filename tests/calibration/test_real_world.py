@@ -10,7 +10,7 @@ import pytest
 import real_rig
 from in_process import refused
 from real_rig import Flaws
-from real_world import Case, Made, make, reported, score, score_of
+from real_world import Case, RealCampaign, make, reported, score, score_of
 
 from lmeasure.calibration import Calibration, CalibrationSettings, Model, calibrate
 from lmeasure.calibration.solve import solve
@@ -27,7 +27,7 @@ def misfits(result: Calibration) -> list[Finding]:
     return [w for w in result.record.warnings if w.code == "misfit"]
 
 
-def calibrated(case: Case, seed: int) -> tuple[Made, Calibration]:
+def calibrated(case: Case, seed: int) -> tuple[RealCampaign, Calibration]:
     """A drawn rig, and what its campaign gives."""
     made = make(case, seed)
     return made, calibrate(made.campaign)

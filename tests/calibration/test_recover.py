@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.stats
-from random_campaigns import Drawn, draw, errors, square_of, true_values
+from random_campaigns import RandomCampaign, draw, errors, square_of, true_values
 from scipy.spatial.transform import Rotation
 
 from lmeasure.calibration import Calibration, CalibrationSettings, Model, calibrate, unknowns_of
@@ -18,7 +18,7 @@ SEEDS = range(3)
 CHANCE = 1e-5  # of a correct calibration failing one comparison
 
 
-def compare(drawn: Drawn, result: Calibration) -> None:
+def compare(drawn: RandomCampaign, result: Calibration) -> None:
     """The error is one that the stated covariance allows, and so are the lengths the rig predicts."""
     record = result.record
     error = np.array([p.value for p in record.parameters]) - true_values(drawn, [p.name for p in record.parameters])
@@ -99,7 +99,7 @@ def test_regions_of_rigs_found_with_their_poses(option: str) -> None:
     assert square_of(record, errors(drawn, record, settings)) <= record.region["factor"] ** 2
 
 
-def without(drawn: Drawn, key: str, shift: float) -> Rig:
+def without(drawn: RandomCampaign, key: str, shift: float) -> Rig:
     """The campaign's nominal rig with one more value off by `shift` on every point."""
     data: dict[str, Any] = drawn.campaign.rig.to_dict()
     for p in data["observation_point"]:
@@ -133,7 +133,7 @@ def test_scale(seed: int) -> None:
     counts = drawn.campaign.counts / 1.004
     truth = drawn.truth.to_dict()
     truth["observation_point"][0]["drum"]["scale"] = 1.0
-    moved = Drawn(replace(drawn.campaign, rig=off, counts=counts), rig_from_dict(truth), drawn.poses)
+    moved = RandomCampaign(replace(drawn.campaign, rig=off, counts=counts), rig_from_dict(truth), drawn.poses)
     compare(moved, calibrate(moved.campaign, CalibrationSettings(("position", "guide", "scale"))))
 
 

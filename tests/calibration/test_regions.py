@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 import scipy.stats
-from random_campaigns import Drawn, draw
+from random_campaigns import RandomCampaign, draw
 
 from lmeasure.calibration import Model, calibrate, unknowns_of
 from lmeasure.calibration.solve.noise import Noise
 from lmeasure.estimation import Fit, Regions, fit, regions
 
 
-def fitted(drawn: Drawn) -> tuple[Model, Fit]:
+def fitted(drawn: RandomCampaign) -> tuple[Model, Fit]:
     campaign = drawn.campaign
     noise = Noise(campaign.poses.u_position_mm, campaign.poses.u_rotation_rad)
     model = Model(campaign, unknowns_of(campaign, ("position", "guide")), noise)

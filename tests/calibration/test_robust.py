@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_campaigns import Drawn, draw, true_values
+from random_campaigns import RandomCampaign, draw, true_values
 
 from lmeasure.calibration import Calibration, CalibrationSettings, calibrate
 from lmeasure.rig import CalibrationRecord
 
 
-def with_bad_poses(drawn: Drawn, bad: dict[int, tuple[float, float, float]]) -> Drawn:
+def with_bad_poses(drawn: RandomCampaign, bad: dict[int, tuple[float, float, float]]) -> RandomCampaign:
     """The robot stood elsewhere than it says at some poses: {number: error [mm]}."""
     rows = drawn.campaign.poses.rows.copy()
     for pose, shift in bad.items():
@@ -18,13 +18,13 @@ def with_bad_poses(drawn: Drawn, bad: dict[int, tuple[float, float, float]]) -> 
     return replace(drawn, campaign=replace(drawn.campaign, poses=replace(drawn.campaign.poses, rows=rows)))
 
 
-def squares(drawn: Drawn, record: CalibrationRecord) -> float:
+def squares(drawn: RandomCampaign, record: CalibrationRecord) -> float:
     """Squared error of all values in standard uncertainties, in units of the 95 % region."""
     error = np.array([p.value for p in record.parameters]) - true_values(drawn, [p.name for p in record.parameters])
     return float(error @ np.linalg.solve(record.covariance_matrix(), error)) / record.region["factor"] ** 2
 
 
-def robust(drawn: Drawn) -> Calibration:
+def robust(drawn: RandomCampaign) -> Calibration:
     return calibrate(drawn.campaign, CalibrationSettings(robust=True))
 
 

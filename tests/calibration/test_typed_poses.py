@@ -62,8 +62,8 @@ def test_a_plan_is_of_the_poses_that_are_typed(tmp_path: Path) -> None:
     rig = two_drums("puma-oat")
     write_rig(tmp_path / "rig.toml", rig)
     box = ((-300.02, 300.0), (-300.0, 300.0), (-300.0, 300.07))
-    asked: dict[str, Any] = {"rig": tmp_path / "rig.toml", "poses": 4, "criterion": "I", "box": box, "tilt_deg": 8.0, "further": 0}
-    plan = plan_poses.run_plan_poses(plan_poses.PlanPosesSettings(**asked, out=tmp_path / "typed.csv")).made
+    requested: dict[str, Any] = {"rig": tmp_path / "rig.toml", "poses": 4, "criterion": "I", "box": box, "tilt_deg": 8.0, "further": 0}
+    plan = plan_poses.run_plan_poses(plan_poses.PlanPosesSettings(**requested, out=tmp_path / "typed.csv")).made
     table, poses = read_table(tmp_path / "typed.csv"), read_poses(tmp_path / "typed.csv", rig.angles)
     np.testing.assert_allclose(poses.rows, plan.poses.rows, rtol=0, atol=1e-9)
     lines = (tmp_path / "typed.csv").read_text().splitlines()[1:]
@@ -84,7 +84,7 @@ def test_one_singular_orientation_alone_is_planned_for(tmp_path: Path) -> None:
     """The identity is singular in puma-oat; a box without tilts has nowhere else to go."""
     write_rig(tmp_path / "rig.toml", two_drums("puma-oat"))
     box = ((-300.0, 300.0), (-300.0, 300.0), (-300.0, 300.0))
-    asked: dict[str, Any] = {"rig": tmp_path / "rig.toml", "out": tmp_path / "poses.csv", "box": box, "poses": 3, "further": 0}
-    plan = plan_poses.run_plan_poses(plan_poses.PlanPosesSettings(**asked, criterion="I", tilt_deg=0.0, rounded=False)).made
+    requested: dict[str, Any] = {"rig": tmp_path / "rig.toml", "out": tmp_path / "poses.csv", "box": box, "poses": 3, "further": 0}
+    plan = plan_poses.run_plan_poses(plan_poses.PlanPosesSettings(**requested, criterion="I", tilt_deg=0.0, rounded=False)).made
     assert np.abs(plan.poses.rows[:, :3] * 10.0 - np.rint(plan.poses.rows[:, :3] * 10.0)).max() > 0.01  # not asked for
     np.testing.assert_allclose(np.abs(plan.poses.rows[:, 3:]), np.tile(IDENTITY, (3, 1)), atol=1e-9)

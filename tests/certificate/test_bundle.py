@@ -264,7 +264,7 @@ def test_a_page_changed_with_care_is_never_passed(what: str, moved: bool, copy: 
         assert found.skipped == (f"{name}: only its text was compared, not its drawings and layout",)
     else:
         assert [d.what for d in found.differences] == [name]
-    assert report_lines(found, asked=False)[0] == "unsigned: origin not proved"
+    assert report_lines(found, requested=False)[0] == "unsigned: origin not proved"
 
 
 def covered(pdf: bytes) -> bytes:

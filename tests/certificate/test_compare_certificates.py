@@ -290,8 +290,8 @@ def test_the_page_of_a_correction(tmp_path: Path) -> None:
     given = ["compare", *(str(tmp_path / f"{name}.json") for name in ("before", "after"))]
     for language, words in (("en", "times nearer to its commanded poses"), ("ru", "ближе к заданным позам")):
         page = tmp_path / f"{language}.html"
-        asked = [*given, "--page", str(page), "--corrections", str(tmp_path / "corrections.json"), "--language", language]
-        done = ran(*asked)
+        requested = [*given, "--page", str(page), "--corrections", str(tmp_path / "corrections.json"), "--language", language]
+        done = ran(*requested)
         assert "improvement:" in done
         assert "identification 0.0300 mm" in done
         text = page.read_text()

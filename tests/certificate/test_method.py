@@ -174,10 +174,10 @@ def test_what_was_passed_over_when_a_folder_was_sealed_is_passed_over_again(seal
     table = "time_s,x_mm,y_mm,z_mm,qx\n0,1,2,3,0\n0.1,1,2,3,0\n"
     for name, text, mapping in (("t.csv", table, "speed=x_mm"), ("t.csv", table, ""), ("t.tum", "0 1 2 3 0 0 0 1\n", "x=X")):
         (tmp_path / name).write_text(text, encoding="utf-8")
-        asked = Inputs(tmp_path / name, tmp_path / "program.toml", columns=mapping)
+        requested = Inputs(tmp_path / name, tmp_path / "program.toml", columns=mapping)
         with pytest.raises(LMeasureError):
-            read_trajectory(tmp_path / name, asked.beside)
-        assert read_trajectory(tmp_path / name, replace(asked, sealed=True).beside).poses[0, :3] == pytest.approx(
+            read_trajectory(tmp_path / name, requested.beside)
+        assert read_trajectory(tmp_path / name, replace(requested, sealed=True).beside).poses[0, :3] == pytest.approx(
             [1.0, 2.0, 3.0] if name == "t.csv" else [1e3, 2e3, 3e3]
         )
     assert inputs_in(sealed, content_of(sealed)["measurement"]).sealed

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tomli_w
-from made_trajectories import made_campaign
+from synthetic_trajectories import synthetic_campaign
 
 from lmeasure.certificate import (
     CERTIFICATE,
@@ -64,7 +64,7 @@ PRINTERS = {PAGE: Printer(print_page, text_of), "more.txt": Printer(print_page, 
 def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small certificate without a run, and its page."""
     source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("sound")
-    trajectory, program = made_campaign(np.array([0.3, -0.4, 1.2]), 0.1, cycles=3)
+    trajectory, program = synthetic_campaign(np.array([0.3, -0.4, 1.2]), 0.1, cycles=3)
     write_trajectory(source / "trajectory.csv", trajectory)
     (source / "program.toml").write_text(tomli_w.dumps(program), encoding="utf-8")
     inputs = Inputs(source / "trajectory.csv", source / "program.toml")
@@ -118,7 +118,7 @@ def test_a_sound_one_is_sound(folder: Path) -> None:
     assert found.figures > 10
     assert seen[-1] == (400, 400)
     digits = f"{content['id']}: every file's hash is right, all {found.figures} results recomputed and equal to the digit"
-    assert report_lines(found, asked=False) == ["unsigned: origin not proved", digits]
+    assert report_lines(found, requested=False) == ["unsigned: origin not proved", digits]
 
 
 def test_an_id_that_is_not_that_of_the_content(folder: Path) -> None:
@@ -156,7 +156,7 @@ def test_figures_of_another_method_stand_beside_those_of_today(folder: Path) -> 
     assert found.beside[0] == f"results by method {METHOD + 1}, as sealed, beside those by method {METHOD}:"
     assert len(found.beside) == 1 + len(figures)
     assert found.beside[1].startswith(f"{first}: sealed 5.0")
-    lines = report_lines(found, asked=False)
+    lines = report_lines(found, requested=False)
     assert lines[1 : 1 + len(found.beside)] == list(found.beside)
     assert lines[-1] == f"{content['id']}: hashes are right. 2 items above were not compared"
     # what no method has a part in is held all the same, and so is the id
@@ -221,7 +221,7 @@ def test_another_environment_is_allowed_so_much_of_a_figure_and_no_more(folder: 
     assert found.environment == (f"numpy 1.0, here {np.__version__}",)
     assert [d.what for d in found.differences] == ([label(figures[number])] if differs else [])
     assert found.largest == (0.0 if differs else pytest.approx(times * RELATIVE, rel=1e-5))
-    lines = report_lines(found, asked=False)
+    lines = report_lines(found, requested=False)
     assert f"not compared: environment: numpy 1.0, here {np.__version__}: the certificate's environment cannot be checked here" in lines
     if not differs:
         assert f"results differ in their last digits, by at most {found.largest:.2g}. Up to 1e-06 is accepted" in lines
@@ -436,27 +436,27 @@ def stated() -> Callable[..., Verification]:
 
 def test_whose_key_signed_it_is_only_said_where_it_was_asked(stated: Callable[..., Verification]) -> None:
     signed = "signed by 0123456789abcdef: "
-    assert report_lines(stated(), asked=True)[0] == signed + "the requested key"
-    assert report_lines(stated(), asked=False)[0] == signed + "no confirmed key here"
+    assert report_lines(stated(), requested=True)[0] == signed + "the requested key"
+    assert report_lines(stated(), requested=False)[0] == signed + "no confirmed key here"
     other = stated(differences=(Difference(SIGNATURE, "is by another key"),))
-    assert report_lines(other, asked=True)[:2] == [signed + "no confirmed key here", "signature.json: is by another key"]
-    assert report_lines(stated(differences=(Difference("a", "b"),)), asked=True)[0] == signed + "the requested key"
-    assert report_lines(stated(signer=None), asked=True)[0] == "unsigned: origin not proved"
+    assert report_lines(other, requested=True)[:2] == [signed + "no confirmed key here", "signature.json: is by another key"]
+    assert report_lines(stated(differences=(Difference("a", "b"),)), requested=True)[0] == signed + "the requested key"
+    assert report_lines(stated(signer=None), requested=True)[0] == "unsigned: origin not proved"
     # a signature that cannot be read is named, and it is not said that there is none
     broken = stated(signer=None, differences=(Difference(SIGNATURE, "is not one"),))
-    assert report_lines(broken, asked=True) == ["signature.json: is not one", "LM-1: 1 difference"]
+    assert report_lines(broken, requested=True) == ["signature.json: is not one", "LM-1: 1 difference"]
 
 
 def test_the_last_line_says_what_came_of_it(stated: Callable[..., Verification]) -> None:
     one = Difference("a", "b")
-    assert report_lines(stated(), asked=True)[-1] == "LM-1: every file's hash is right, all 7 results recomputed and equal to the digit"
-    assert report_lines(stated(figures=0), asked=True)[-1] == "LM-1: every file's hash is right"
-    assert report_lines(stated(differences=(one, one)), asked=True)[-1] == "LM-1: 2 differences"
-    assert report_lines(stated(certificate="", differences=(one,)), asked=True)[-1] == "certificate: 1 difference"
-    skipped = report_lines(stated(skipped=("x: y", "z")), asked=True)
+    assert report_lines(stated(), requested=True)[-1] == "LM-1: every file's hash is right, all 7 results recomputed and equal to the digit"
+    assert report_lines(stated(figures=0), requested=True)[-1] == "LM-1: every file's hash is right"
+    assert report_lines(stated(differences=(one, one)), requested=True)[-1] == "LM-1: 2 differences"
+    assert report_lines(stated(certificate="", differences=(one,)), requested=True)[-1] == "certificate: 1 difference"
+    skipped = report_lines(stated(skipped=("x: y", "z")), requested=True)
     assert skipped[1:3] == ["not compared: x: y", "not compared: z"]
     assert skipped[-1].endswith("equal to the digit. 2 items above were not compared")
-    other = report_lines(stated(environment=("numpy 1.0, here 2.0",), largest=2e-9), asked=True)
+    other = report_lines(stated(environment=("numpy 1.0, here 2.0",), largest=2e-9), requested=True)
     assert other[1] == "results differ in their last digits, by at most 2e-09. Up to 1e-06 is accepted"
     assert other[-1].endswith("results recomputed and equal within 1e-06")
     assert [stated(**c).exit_code for c in ({}, {"skipped": ("x",)}, {"differences": (one,), "skipped": ("x",)})] == [0, 3, 1]

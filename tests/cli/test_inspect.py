@@ -78,13 +78,13 @@ def test_an_unknown_file_is_refused_in_one_line(name: str, content: str, tmp_pat
 
 def test_a_browser_opens_only_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     settings = load("inspect").settings
-    asked, refused = settings.model_validate({"file": "x"}), settings.model_validate({"file": "x", "browser": False})
+    requested, refused = settings.model_validate({"file": "x"}), settings.model_validate({"file": "x", "browser": False})
     monkeypatch.setattr("sys.argv", ["lmeasure", "inspect", "x"])
     ends = pty.openpty()
     with os.fdopen(ends[1], "w") as terminal, Path(os.devnull).open("w") as nowhere:
         monkeypatch.setattr("sys.stdout", terminal)
-        on_terminal = opens_pages(asked), opens_pages(refused)
+        on_terminal = opens_pages(requested), opens_pages(refused)
         monkeypatch.setattr("sys.stdout", nowhere)
-        elsewhere = opens_pages(asked)
+        elsewhere = opens_pages(requested)
     os.close(ends[0])
     assert (on_terminal, elsewhere) == ((True, False), False)

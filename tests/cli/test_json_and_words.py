@@ -104,7 +104,7 @@ def test_what_is_no_number_and_a_failure_in_json() -> None:
     assert (reported["exit_code"], reported["error"], reported["figures"], reported["summary"], reported["files"]) == (
         1, "too few", {"volume": None}, ["a"], ["z.nc"],
     )  # fmt: skip
-    assert not machine.asked(["zone", "--", "--json"])
+    assert not machine.enabled(["zone", "--", "--json"])
 
 
 def test_help_names_every_command_under_its_job_in_whole_sentences() -> None:

@@ -131,8 +131,8 @@ def test_every_command_line_names_a_command_and_options_that_there_are(page: Pat
         known = (
             {option for parameter in command_of(words[1]).params for option in parameter.opts} | {"--help"} | command_of(words[1]).former
         )
-        asked = set(re.findall(r"(?<!\S)--[a-z][\w-]*", words[2].partition(" #")[0]))
-        assert asked <= known, f"{line}: {sorted(asked - known)}"
+        requested = set(re.findall(r"(?<!\S)--[a-z][\w-]*", words[2].partition(" #")[0]))
+        assert requested <= known, f"{line}: {sorted(requested - known)}"
 
 
 def test_pictures_are_those_of_the_program(tmp_path: Path) -> None:

@@ -178,18 +178,18 @@ def test_what_lies_beside_is_tried_last() -> None:
 
 def test_it_ends_when_nothing_is_gained() -> None:
     """What all hang on is formed anew once for a sweep that gains nothing, coarsely and finely."""
-    asked: list[bool] = []
+    requested: list[bool] = []
 
     @dataclass(frozen=True)
     class Asked(OnALine):
         def others(self, points: FloatArray, near: bool, rng: np.random.Generator) -> Iterable[tuple[Self, FloatArray]]:
-            asked.append(near)
+            requested.append(near)
             return ()
 
     points = np.array([-1.0, 0.0, 1.0])[:, None]
     begun = replace(empty(Asked(), 1e-9 * np.eye(3)), points=points, blocks=Asked().blocks(points))
     assert improved(begun, Criterion("D", np.eye(3)), np.random.default_rng(0)).points.tolist() == points.tolist()
-    assert asked == [False, True]
+    assert requested == [False, True]
 
 
 def test_worth_an_exchange_is_what_makes_the_criterion_less() -> None:

@@ -18,11 +18,11 @@ from lmeasure.estimation import (
     explained,
     fall_test,
     fit,
-    held_out,
     improbable,
     normal_deviates,
     robust_fit,
     settled,
+    validation_residuals,
 )
 from lmeasure.estimation.explanations import Evidence, embedded
 
@@ -217,7 +217,7 @@ def test_readings_held_out_are_predicted_with_their_covariance() -> None:
     keep = GROUPS != 5
     other = Line(Readings(data.x[keep], data.y[keep], data.u, more=shared[np.ix_(keep, keep)]))
     found = fit(other, other.start)
-    r, C = held_out(whole, found.theta, found, np.flatnonzero(keep))
+    r, C = validation_residuals(whole, found.theta, found, np.flatnonzero(keep))
     np.testing.assert_allclose(r, whole.residuals(found.theta))
     J, V = whole.jacobian(found.theta), whole.covariance(found.theta)
     K = np.linalg.inv(J[keep].T @ np.linalg.solve(V[np.ix_(keep, keep)], J[keep])) @ J[keep].T @ np.linalg.inv(V[np.ix_(keep, keep)])

@@ -36,14 +36,14 @@ def line(noise: float) -> tuple[Line, Callable[[FloatArray], Line], list[FloatAr
     """A line whose fourth group is off; the same with variances of the groups, and all variances that it was asked with."""
     y = 0.3 + 2.0 * X + noise * np.random.default_rng(3).normal(size=30) * np.sqrt(0.1**2 + OWN)
     y[GROUPS == OFF] += 0.3 * max(noise, 1.0)
-    asked: list[FloatArray] = []
+    requested: list[FloatArray] = []
 
     def weighted(variance: FloatArray) -> Line:
-        asked.append(variance)
+        requested.append(variance)
         more = np.diag(OWN) + sum((v * shifts(g) @ shifts(g).T for g, v in enumerate(variance)), start=np.zeros((30, 30)))
         return Line(Readings(X, y, more=more))
 
-    return weighted(np.zeros(10)), weighted, asked
+    return weighted(np.zeros(10)), weighted, requested
 
 
 def deviate(problem: Line, variance: FloatArray, group: int) -> float:
@@ -61,9 +61,9 @@ def deviate(problem: Line, variance: FloatArray, group: int) -> float:
 
 @pytest.mark.parametrize(("noise", "members"), [(0.4, 1), (2.5, 1), (2.5, 6)])
 def test_weights_are_those_of_what_the_others_say(noise: float, members: int) -> None:
-    begun, weighted, asked = line(noise)
+    begun, weighted, requested = line(noise)
     problem, found, weights = robust_fit(fit(begun, begun.start), groups(members=members), weighted)
-    variance = next(v for v in reversed(asked) if np.array_equal(weighted(v).covariance(found.theta), problem.covariance(found.theta)))
+    variance = next(v for v in reversed(requested) if np.array_equal(weighted(v).covariance(found.theta), problem.covariance(found.theta)))
     z = np.array([deviate(problem, variance, g) for g in range(UNTOLD)])
     every = np.repeat(z, [members if g == 7 else 1 for g in range(UNTOLD)])
     scale = max(1.0, float(np.median(every)) / 0.6744897501960817)
@@ -80,9 +80,9 @@ def test_weights_are_those_of_what_the_others_say(noise: float, members: int) ->
 
 
 def test_it_ends_when_weights_are_settled() -> None:
-    begun, weighted, asked = line(0.4)
+    begun, weighted, requested = line(0.4)
     robust_fit(fit(begun, begun.start), groups(), weighted)
-    assert len(asked) < 30
+    assert len(requested) < 30
 
 
 def test_where_nobody_can_be_contradicted_all_are_believed() -> None:

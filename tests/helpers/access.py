@@ -24,6 +24,6 @@ def faults(page: Page) -> list[tuple[str, Any]]:
     """Serious and critical faults of the page as it stands: rule, and the elements. What frames show is looked at as pages of its own."""
     if not page.evaluate("typeof axe === 'object'"):
         page.evaluate(_axe() + "; 1")
-    asked = "axe.run(document, {iframes: false, resultTypes: ['violations']}).then((found) => JSON.stringify(found.violations))"
-    reported = json.loads(page.evaluate(asked))
+    requested = "axe.run(document, {iframes: false, resultTypes: ['violations']}).then((found) => JSON.stringify(found.violations))"
+    reported = json.loads(page.evaluate(requested))
     return [(v["id"], [node["html"][:120] for node in v["nodes"]][:5]) for v in reported if v["impact"] in GRAVE]

@@ -29,11 +29,11 @@ def client(folder: Path, *, token: str | None = TOKEN, shelf: Shelf | None = Non
     """A program that knows the token; without it, a stranger."""
     with TestClient(
         application(folder, Door(TOKEN), PORT, shelf=shelf), base_url=ORIGIN, follow_redirects=False, raise_server_exceptions=False
-    ) as asked:
-        asked.headers["Origin"] = ORIGIN
+    ) as requested:
+        requested.headers["Origin"] = ORIGIN
         if token is not None:
-            asked.headers["Authorization"] = f"Bearer {token}"
-        yield asked
+            requested.headers["Authorization"] = f"Bearer {token}"
+        yield requested
 
 
 @contextmanager
@@ -44,10 +44,10 @@ def session(folder: Path, *, shelf: Shelf | None = None) -> Iterator[TestClient]
     assert known is not None
     with TestClient(
         application(folder, door, PORT, shelf=shelf), base_url=ORIGIN + known.path, follow_redirects=False, raise_server_exceptions=False
-    ) as asked:
-        asked.headers["Origin"] = ORIGIN
-        asked.cookies.set(f"lmeasure-{PORT}", known.cookie)
-        yield asked
+    ) as requested:
+        requested.headers["Origin"] = ORIGIN
+        requested.cookies.set(f"lmeasure-{PORT}", known.cookie)
+        yield requested
 
 
 def stranger(to: TestClient) -> TestClient:

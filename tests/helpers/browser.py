@@ -98,8 +98,8 @@ class Page:
         """Until the script is true, in whatever page is there by then; AssertionError when it never is. What it asks for may not be there
         yet: a script that fails is not true."""
         end = time.monotonic() + seconds
-        asked = f"(() => {{ try {{ return {{is: !!({script})}} }} catch (error) {{ return {{is: false, error: String(error)}} }} }})()"
-        while not (reported := self.evaluate(asked))["is"]:
+        requested = f"(() => {{ try {{ return {{is: !!({script})}} }} catch (error) {{ return {{is: false, error: String(error)}} }} }})()"
+        while not (reported := self.evaluate(requested))["is"]:
             assert time.monotonic() < end, f"never true: {script}; {reported.get('error', '')} {self.errors}"
             time.sleep(0.05)
 

@@ -156,12 +156,12 @@ def _supervise(child: int, listener: int, folder: Path, out: Run, at: int, answe
 
 
 def _answered(child: int, listener: int, where: str, out: Run, at: int, answer: str) -> bool:
-    asked = bytearray(80)
+    requested = bytearray(80)
     try:
-        fcntl.ioctl(listener, _RECEIVE, asked, True)
+        fcntl.ioctl(listener, _RECEIVE, requested, True)
     except OSError:  # the thread that asked has ended
         return True
-    identity, pid, _, number, _, _, *arguments = struct.unpack("=QIIiIQ6Q", asked)
+    identity, pid, _, number, _, _, *arguments = struct.unpack("=QIIiIQ6Q", requested)
     path = _path(pid, _NAMES[number], arguments)
     error = 0
     if path is not None and (path == where or path.startswith(f"{where}/")):
@@ -245,7 +245,7 @@ def whole(name: str, data: bytes) -> bool:
 
 
 @dataclass(frozen=True)
-class Found:
+class FaultReport:
     """calls: how many there are; failed: how many of them were answered with an error or a kill, and how many times a run after it came to
     the same files; wrong: what was wrong, a line each."""
 
@@ -265,7 +265,9 @@ def chosen(calls: list[Call], every: int = 3) -> Iterator[int]:
     yield from (number for number in range(1, len(calls) + 1) if number not in passed_over)
 
 
-def failing(line: str, out: Path, answers: Sequence[str] = tuple(ANSWERS), *, replacing: bool = False, recording: bool = False) -> Found:
+def failing(
+    line: str, out: Path, answers: Sequence[str] = tuple(ANSWERS), *, replacing: bool = False, recording: bool = False
+) -> FaultReport:
     """Let each call of a command fail once, with each of the answers, and look at what is left; run it again from each new state.
 
     replacing: the files are there already, each a byte longer, and the command replaces them. recording: files that grow, so that their
@@ -275,7 +277,7 @@ def failing(line: str, out: Path, answers: Sequence[str] = tuple(ANSWERS), *, re
     out.mkdir()
     code = ended(line, out)  # what is loaded here need not be loaded by each child
     if code:
-        return Found(0, 0, 0, [f"exit {code}"])
+        return FaultReport(0, 0, 0, [f"exit {code}"])
     one = made(content(out))
     before: Content = {}
     if replacing:
@@ -284,7 +286,7 @@ def failing(line: str, out: Path, answers: Sequence[str] = tuple(ANSWERS), *, re
     second = run(lambda: command(line, out, force=replacing), out)
     final = made(content(out))
     if second.code:
-        return Found(0, 0, 0, [f"replacing: exit {second.code}: {second.said}"])
+        return FaultReport(0, 0, 0, [f"replacing: exit {second.code}: {second.said}"])
     same = {name for name in final if final[name] == one[name]}
     wrong: list[str] = []
     seen: set[tuple[tuple[str, bytes | None], ...]] = set()
@@ -310,7 +312,7 @@ def failing(line: str, out: Path, answers: Sequence[str] = tuple(ANSWERS), *, re
                 wrong.append(f"{about}run again: exit {again.code}, {len(made(after))} of {len(final)} files; {again.said[-1:]}")
             elif len(made(after)) != sum(data is not None for data in after.values()):
                 wrong.append(f"{about}run again: an unfinished file is left")
-    return Found(len(second.calls), failed, len(seen), wrong)
+    return FaultReport(len(second.calls), failed, len(seen), wrong)
 
 
 def _gone() -> int:

@@ -76,21 +76,21 @@ def self_test(page: Page, *, reload_at: int) -> str:
     seen, steps, end = "", 0, time.monotonic() + 550.0
     while not page.evaluate(ENDED):
         assert time.monotonic() < end, page.evaluate("document.querySelector('main').innerText")
-        asked = str(page.evaluate(ASKED) or "")
-        if asked and asked != seen:
+        requested = str(page.evaluate(ASKED) or "")
+        if requested and requested != seen:
             steps += 1
             if steps == reload_at:
                 page.again()
-                page.wait(f"{ASKED} === {json.dumps(asked)}")
+                page.wait(f"{ASKED} === {json.dumps(requested)}")
             if page.evaluate(WANTED):
                 page.click("#cell-asked")
                 page.wait("document.querySelector('#lines .moves, #lines .unwanted') !== null")
                 before = ""
                 while before != (before := str(page.evaluate("document.getElementById('lines').innerText"))):
                     time.sleep(0.4)
-            seen = asked
+            seen = requested
             page.click("[data-type='']:not([data-asked])")
-            page.wait(f"{ASKED} !== {json.dumps(asked)} || {ENDED}", seconds=60.0)
+            page.wait(f"{ASKED} !== {json.dumps(requested)} || {ENDED}", seconds=60.0)
         time.sleep(0.05)
     page.wait(READY)
     return str(page.evaluate("document.getElementById('job').dataset.state"))
@@ -102,17 +102,17 @@ def captured(page: Page, *, reload_at: int) -> None:
     goal, end = "", time.monotonic() + 550.0
     while not page.evaluate(ENDED):
         assert time.monotonic() < end, (goal, page.evaluate("document.querySelector('main').innerText"))
-        asked = str(page.evaluate(WANTED) or "")
+        requested = str(page.evaluate(WANTED) or "")
         read = page.evaluate("document.querySelectorAll('#capture-poses .read').length") or 0
-        if asked and asked != goal:
+        if requested and requested != goal:
             if read == reload_at:
                 page.again()
-                page.wait(f"document.querySelectorAll('#capture-poses .read').length === {read} && {WANTED} === {json.dumps(asked)}")
+                page.wait(f"document.querySelectorAll('#capture-poses .read').length === {read} && {WANTED} === {json.dumps(requested)}")
             page.click("#cell-asked")
-            page.wait(f"document.getElementById('cell-at').textContent.includes({json.dumps(f' {asked.split()[-1]}:')})")
-            goal = asked
+            page.wait(f"document.getElementById('cell-at').textContent.includes({json.dumps(f' {requested.split()[-1]}:')})")
+            goal = requested
             if read == 0:
-                there = f"`${{document.getElementById('cell').dataset.stands}} {asked.split()[-1]}:`"
+                there = f"`${{document.getElementById('cell').dataset.stands}} {requested.split()[-1]}:`"
                 stands = f"document.getElementById('cell-at')?.textContent.includes({there})"
                 page.wait(f"{stands} && document.querySelector('#capture-lamp.still') !== null")
                 time.sleep(1.0)  # a person looks, and presses

@@ -29,7 +29,7 @@ Content = dict[str, bytes | None]
 
 
 @dataclass
-class Seen:
+class Observation:
     """calls: how many there were; states: what the folder held at them, each once; wrong: what was not on the disk when it had to be."""
 
     calls: int = 0
@@ -48,9 +48,9 @@ def made(state: Content) -> dict[str, bytes]:
 
 
 @contextmanager
-def watched(folder: Path) -> Iterator[Seen]:
+def watched(folder: Path) -> Iterator[Observation]:
     """Look at a folder at each call of the block, and at its end; what it holds at the beginning counts as being on the disk."""
-    seen = Seen()
+    seen = Observation()
     on_disk: dict[int, Any] = {path.stat().st_ino: _stamp(path) for path in [folder, *folder.rglob("*")]}
     usual, exchange = {name: getattr(os, name) for name in CALLS}, files.exchange
 
@@ -129,7 +129,7 @@ def lay(state: Content, folder: Path, process: int) -> None:
 
 
 @dataclass(frozen=True)
-class Found:
+class KillReport:
     """calls: of how many the states were looked at; reruns: from how many states the command was run again; wrong: what was wrong."""
 
     calls: int
@@ -137,7 +137,7 @@ class Found:
     wrong: list[str]
 
 
-def looked_at(line: str, out: Path, most_reruns: int = 1000) -> Found:
+def looked_at(line: str, out: Path, most_reruns: int = 1000) -> KillReport:
     """Look at a command that writes its files for the first time, then at one that replaces others, and run it again from what is left.
 
     At each call a file has the bytes that were there before or those at the end; the files of a certificate have either together. Run
@@ -158,7 +158,7 @@ def looked_at(line: str, out: Path, most_reruns: int = 1000) -> Found:
             code = ended(line, out, force=force)
         when = "replacing: " if force else ""
         if code:
-            return Found(calls, 0, [*wrong, f"{when}exit code {code}"])
+            return KillReport(calls, 0, [*wrong, f"{when}exit code {code}"])
         finals.append(made(content(out)))
         calls += seen.calls
         wrong += [when + text for text in seen.wrong]
@@ -176,7 +176,7 @@ def looked_at(line: str, out: Path, most_reruns: int = 1000) -> Found:
             wrong.append(f"run again from {sorted(state)}: exit code {code}, {len(made(again))} of {len(names)} files")
         if len(made(again)) != sum(data is not None for data in again.values()):
             wrong.append(f"run again from {sorted(state)}: an unfinished file is left")
-    return Found(calls, len(states[:: -(-len(states) // most_reruns)]), list(dict.fromkeys(wrong)))
+    return KillReport(calls, len(states[:: -(-len(states) // most_reruns)]), list(dict.fromkeys(wrong)))
 
 
 def _once(state: dict[str, bytes]) -> dict[str, bytes]:

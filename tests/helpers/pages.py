@@ -118,8 +118,14 @@ def _zone(out: Path, language: str) -> Path:
 
 def _reliable_zone(out: Path, language: str) -> Path:
     """Of eight cables: which faults would show."""
-    asked = {"rig": TRUTH / "eight-run" / "rig.toml", "out": out / "zone.nc", "x": "-300:300:150", "y": "-300:300:150", "z": "-150:150:150"}
-    return _ran("zone", asked | {"tilt_rad": 0.2, "reliability": True, "report": out}, language, out / "zone.html")
+    requested = {
+        "rig": TRUTH / "eight-run" / "rig.toml",
+        "out": out / "zone.nc",
+        "x": "-300:300:150",
+        "y": "-300:300:150",
+        "z": "-150:150:150",
+    }
+    return _ran("zone", requested | {"tilt_rad": 0.2, "reliability": True, "report": out}, language, out / "zone.html")
 
 
 def _empty_zone(out: Path, language: str) -> Path:
@@ -207,8 +213,8 @@ def _checks_of_years(out: Path, language: str) -> Path:
 
 
 def _structure(out: Path, language: str) -> Path:
-    asked = {"file": TRUTH / "cell-12-poses" / "rig.toml", "position_mm": "0,0,0", "quaternion": "0,0,0,1", "boundary": "xy"}
-    return _ran("structure", asked | {"levels": "0:100:50", "to_mm": "100,50,0", "report": out}, language, out / "structure.html")
+    requested = {"file": TRUTH / "cell-12-poses" / "rig.toml", "position_mm": "0,0,0", "quaternion": "0,0,0,1", "boundary": "xy"}
+    return _ran("structure", requested | {"levels": "0:100:50", "to_mm": "100,50,0", "report": out}, language, out / "structure.html")
 
 
 def _structures(out: Path, language: str) -> Path:
@@ -241,13 +247,13 @@ def _correction(out: Path, language: str) -> Path:
     targets = [[f"P{k}", *np.degrees(q).round(4)] for k, q in enumerate(joints[:20])]
     lines = [*(",".join(map(str, t)) for t in targets), "P20,0,0,400,0,50,0", "P21,1,2,x,4,5,6"]
     (out / "pick.csv").write_text("\n".join([",".join(head), *lines]) + "\n")
-    asked = {"programs": [out / "pick.csv"], "identified": out / "robot", "out": out / "corrected", "skip": "P3", "most_mm": 2.0}
-    return _ran("correct", asked, language, out / "corrected" / "corrections.html")
+    requested = {"programs": [out / "pick.csv"], "identified": out / "robot", "out": out / "corrected", "skip": "P3", "most_mm": 2.0}
+    return _ran("correct", requested, language, out / "corrected" / "corrections.html")
 
 
-def _ran(command: str, asked: dict[str, Any], language: str, page: Path) -> Path:
+def _ran(command: str, requested: dict[str, Any], language: str, page: Path) -> Path:
     found = load(command)
-    found.run(found.settings.model_validate(asked | {"language": language}))
+    found.run(found.settings.model_validate(requested | {"language": language}))
     return page
 
 
@@ -265,8 +271,8 @@ def _comparison(out: Path, language: str) -> Path:
 
 
 def _mechanism(out: Path, language: str) -> Path:
-    asked = {"robot": "four-chains-arms", "x": "-40:40:20", "y": "-20:40:20", "z": "70:130:20", "report": out}
-    return _ran("mechanism", asked, language, out / "mechanism.html")
+    requested = {"robot": "four-chains-arms", "x": "-40:40:20", "y": "-20:40:20", "z": "70:130:20", "report": out}
+    return _ran("mechanism", requested, language, out / "mechanism.html")
 
 
 PAGES: dict[str, Callable[[Path, str], Path]] = {

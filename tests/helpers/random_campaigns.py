@@ -19,7 +19,7 @@ COUNT_MM = 0.012
 
 
 @dataclass(frozen=True)
-class Drawn:
+class RandomCampaign:
     """A campaign as the metrologist has it (nominal rig, reference poses as the robot states them), with the true rig behind it."""
 
     campaign: Campaign
@@ -40,7 +40,7 @@ def draw(
     oriented: bool = True,
     spread: tuple[float, float] = (300.0, 0.3),
     phased: bool = False,
-) -> Drawn:
+) -> RandomCampaign:
     """A rig of drums on a shell around the cell, a campaign in it, and a nominal rig off by its own prior uncertainties.
 
     noise: "gaussian" adds to every count what whole counts add in variance, "rounded" rounds; u_position_mm is drawn on the stated
@@ -83,7 +83,7 @@ def draw(
         for key in ("guide_alpha_deg", "guide_beta_deg"):
             p[key] = float(p[key] + np.clip(rng.normal(0, 5), -12, 12))
     campaign = Campaign(rig_from_dict(nominal), reference, truth.cable, counts, np.zeros(points, dtype=np.int64))
-    return Drawn(campaign, truth, rows)
+    return RandomCampaign(campaign, truth, rows)
 
 
 def _tool(attachments: int) -> dict[str, list[float]]:
@@ -111,7 +111,7 @@ def _point(name: str, rng: np.random.Generator, zero_exact: bool) -> dict[str, o
     }  # fmt: skip
 
 
-def true_values(drawn: Drawn, names: list[str]) -> FloatArray:
+def true_values(drawn: RandomCampaign, names: list[str]) -> FloatArray:
     """(p,) true values of the record's parameters."""
     out = []
     for name in names:
@@ -122,7 +122,7 @@ def true_values(drawn: Drawn, names: list[str]) -> FloatArray:
     return np.array(out)
 
 
-def true_unknowns(model: Model, drawn: Drawn) -> FloatArray:
+def true_unknowns(model: Model, drawn: RandomCampaign) -> FloatArray:
     """(P,) the true values of the unknowns of rig and poses, moved as a whole to where the choice of the frame puts them."""
     theta = shifted(model, true_values(drawn, list(model.parameters.names)), drawn.poses)
     return theta if model.frame is None else in_frame(model, theta, model.frame)
@@ -136,7 +136,7 @@ def shifted(model: Model, values: FloatArray, rows: FloatArray) -> FloatArray:
     return np.r_[values, every[:, model.free].reshape(-1)]
 
 
-def errors(drawn: Drawn, record: CalibrationRecord, settings: CalibrationSettings) -> FloatArray:
+def errors(drawn: RandomCampaign, record: CalibrationRecord, settings: CalibrationSettings) -> FloatArray:
     """(p,) errors of the record's values, the truth in the frame of the result where that was chosen."""
     names = [p.name for p in record.parameters]
     truth = true_values(drawn, names)
@@ -156,6 +156,6 @@ def square_of(record: CalibrationRecord, error: FloatArray) -> float:
     return float(np.sum((vectors[:, -reported:].T @ (error / width)) ** 2 / values[-reported:]))
 
 
-def at_truth(drawn: Drawn) -> Campaign:
+def at_truth(drawn: RandomCampaign) -> Campaign:
     """The same campaign with the true rig as the nominal one."""
     return replace(drawn.campaign, rig=drawn.truth)

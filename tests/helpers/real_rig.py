@@ -40,7 +40,7 @@ class Flaws:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class RigErrors:
     """The errors of one rig, drawn: per cable (m,), per pulley and drum two components (m, 2), per attachment point (points, 3)."""
 
     stretch: FloatArray
@@ -67,7 +67,7 @@ class RealRig:
     pitch: FloatArray
     tool: FloatArray
     tied: NDArray[np.int64]
-    flaws: Drawn
+    flaws: RigErrors
 
     @property
     def arriving(self) -> FloatArray:
@@ -193,7 +193,7 @@ def draw(seed: int, flaws: Flaws, cables: int = 6) -> RealRig:
         angle = rng.uniform(0, 2 * np.pi, cables)
         return amplitude * np.column_stack([np.cos(angle), np.sin(angle)])
 
-    drawn = Drawn(
+    drawn = RigErrors(
         stretch=rng.normal(0, 1, cables) * flaws.circumference,
         pitch_mm=rng.normal(0, 1, cables) * flaws.pitch_mm,
         run_out_mm=pairs(flaws.run_out_mm),

@@ -39,7 +39,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Made:
+class RealCampaign:
     """The campaign, the true rig behind it, and a run of it: true poses (n, 7) and recorded counts (n, m)."""
 
     campaign: Campaign
@@ -58,7 +58,7 @@ class Score:
     squares: float
 
 
-def make(case: Case, seed: int, samples: int = 200, cables: int = 6) -> Made:
+def make(case: Case, seed: int, samples: int = 200, cables: int = 6) -> RealCampaign:
     """A drawn rig, its campaign and a run: counters zeroed anew for the run, each reading come to from either side."""
     truth, rng = real_rig.draw(seed, case.flaws, cables), np.random.default_rng([seed, 7])
     m = len(truth.base)
@@ -75,17 +75,17 @@ def make(case: Case, seed: int, samples: int = 200, cables: int = 6) -> Made:
     way = real_rig.path(rng, samples)
     true = truth.true_counts(way, way[0], case.warmer_k)
     recorded = truth.counts(way, way[0], np.sign(np.gradient(true, axis=0)), case.warmer_k, rng.uniform(-0.5, 0.5, m))
-    return Made(campaign, truth, way, recorded)
+    return RealCampaign(campaign, truth, way, recorded)
 
 
-def reported(made: Made, case: Case) -> Campaign:
+def reported(made: RealCampaign, case: Case) -> Campaign:
     """The campaign with the true uncertainties of its poses stated."""
     n = len(made.campaign.poses)
     poses = replace(made.campaign.poses, u_position_mm=np.full(n, case.u_mm), u_rotation_rad=np.full(n, case.u_rad), absent=())
     return replace(made.campaign, poses=poses)
 
 
-def score(rig: Rig, record: CalibrationRecord | None, made: Made) -> Score:
+def score(rig: Rig, record: CalibrationRecord | None, made: RealCampaign) -> Score:
     """The run reconstructed with a rig and, if there is one, its record."""
     counts = Counts(np.linspace(0.0, 0.05 * len(made.poses), len(made.poses)), tuple(c.channel for c in rig.cable), made.counts)
     found = reconstruct(Run(rig.model_copy(update={"calibration": None}), made.poses[0], (counts,), record, unstated="exact"))
@@ -98,6 +98,6 @@ def score(rig: Rig, record: CalibrationRecord | None, made: Made) -> Score:
     return Score(place, float(np.mean(squares <= INSIDE)), float(np.mean(squares)) / 6.0)
 
 
-def score_of(result: Calibration, made: Made) -> Score:
+def score_of(result: Calibration, made: RealCampaign) -> Score:
     """The run reconstructed with what a calibration gave."""
     return score(result.rig, result.record, made)

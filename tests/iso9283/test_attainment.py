@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_paths import LINE, program_of, runs
-from made_trajectories import UNIT, dwells, trajectory_of
 from scipy.spatial.transform import Rotation
+from synthetic_paths import LINE, program_of, runs
+from synthetic_trajectories import UNIT, dwells, trajectory_of
 
 from lmeasure.core import CertificationError, FileFormatError, se3
 from lmeasure.iso9283 import CertificationSettings

@@ -5,7 +5,7 @@ from typing import Any
 import GTC
 import numpy as np
 import pytest
-from made_trajectories import StatedErrors, made_campaign, some_law
+from synthetic_trajectories import StatedErrors, some_law, synthetic_campaign
 
 from lmeasure.core import FloatArray
 from lmeasure.iso9283 import CertificationSettings, Spread, Subject, evaluate, propagate
@@ -23,7 +23,7 @@ def correlation_of(one: Spread, other: Spread) -> float:
 
 @pytest.fixture(scope="module")
 def certified() -> Any:
-    trajectory, program = made_campaign(np.array([0.3, -0.2, 0.1]), 0.05)
+    trajectory, program = synthetic_campaign(np.array([0.3, -0.2, 0.1]), 0.05)
     model = StatedErrors(some_law(1), some_law(2))
     return evaluate(trajectory, Program.model_validate(program), model, settings=CertificationSettings(trials=500))
 

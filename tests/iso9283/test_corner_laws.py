@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_paths import FloatArray
-from made_trajectories import UNIT
 from scipy.interpolate import Akima1DInterpolator
 from scipy.stats import norm
+from synthetic_paths import FloatArray
+from synthetic_trajectories import UNIT
 
 from lmeasure.core import CertificationError
 from lmeasure.iso9283.clauses.corners import Corner, CornerPart, CornerTest, Passing, at_corner, corners_of, passings
@@ -256,15 +256,15 @@ def test_a_corner_states_how_near_and_how_far_beyond() -> None:
     cycles = tuple(passed(COURSES[name], 0.25, 1, 0.5) for name in ("overshoots", "is short", "stays inside"))
     test = CornerTest(subject=Subject("path", "bent"), corner=CORNER, passed=cycles, at=np.array([11, 23, 47]))
     np.testing.assert_array_equal(test.samples(), [11, 23, 47])
-    asked: list[FloatArray] = []
+    requested: list[FloatArray] = []
 
     def errors(samples: Any) -> PoseErrors:
-        asked.append(samples)
+        requested.append(samples)
         return laws(3, rounded=False)
 
     ((key, part),) = test.parts(errors).items()
     assert key == Subject("corner", "bent", 2)
-    np.testing.assert_array_equal(asked, [[11, 23, 47]])
+    np.testing.assert_array_equal(requested, [[11, 23, 47]])
     states = {key: part.state(np.zeros((len(part.errors), 6)), False)}
     cr, co = test.figures()
     assert [(*f.key, f.clause, f.unit, f.cycles, f.needs) for f in (cr, co)] == [

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 from honest import assert_honest
-from made_paths import CIRCLE, EXACT, LINE, SQUARE, _once, figures, program_of, runs
-from made_trajectories import UNIT, StatedErrors, trajectory_of
+from synthetic_paths import CIRCLE, EXACT, LINE, SQUARE, _once, figures, program_of, runs
+from synthetic_trajectories import UNIT, StatedErrors, trajectory_of
 
 from lmeasure.core import CertificationError, FloatArray
 from lmeasure.iso9283 import CertificationSettings, evaluate

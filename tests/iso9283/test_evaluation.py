@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from made_trajectories import PLACES, UNIT, StatedErrors, by_name, dwells, made_campaign, some_law, trajectory_of
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
+from synthetic_trajectories import PLACES, UNIT, StatedErrors, by_name, dwells, some_law, synthetic_campaign, trajectory_of
 
 from lmeasure.core import CertificationError, Status
 from lmeasure.iso9283 import CertificationSettings, evaluate
@@ -18,7 +18,7 @@ EXACT = StatedErrors()
 
 
 def test_capable_and_the_verdict_of_the_vector() -> None:
-    trajectory, program = made_campaign(np.array([0.3, 0.0, 0.0]), 0.02)
+    trajectory, program = synthetic_campaign(np.array([0.3, 0.0, 0.0]), 0.02)
     shared = np.zeros((6, 3))
     shared[3:] = 0.01 * np.eye(3)
     model = Program.model_validate(program)
@@ -57,7 +57,7 @@ def test_capable_and_the_verdict_of_the_vector() -> None:
     ],
 )  # fmt: skip
 def test_conformity(rule: str, upper: float, verdict: str) -> None:
-    trajectory, program = made_campaign(np.array([0.3, 0.0, 0.0]), 0.0)
+    trajectory, program = synthetic_campaign(np.array([0.3, 0.0, 0.0]), 0.0)
     shared = np.zeros((6, 3))
     shared[3:] = 0.01 * np.eye(3)
     program["tolerance"] = [{"characteristic": "AP_p", "pose": "P1", "upper": upper, "rule": rule}]
@@ -72,7 +72,7 @@ def test_conformity(rule: str, upper: float, verdict: str) -> None:
 
 
 def test_a_signed_figure_is_held_against_its_tolerance() -> None:
-    trajectory, program = made_campaign(np.zeros(3), 0.02)
+    trajectory, program = synthetic_campaign(np.zeros(3), 0.02)
     random = np.zeros((6, 6))
     random[3:, 3:] = 0.02**2 * np.eye(3)
     bare = by_name(evaluate(trajectory, Program.model_validate(program), StatedErrors(random)))["AD_p", "P1-P2"]
@@ -84,7 +84,7 @@ def test_a_signed_figure_is_held_against_its_tolerance() -> None:
 
 
 def test_what_lies_outside_the_zone_gets_no_verdict() -> None:
-    trajectory, program = made_campaign(np.array([0.3, 0.0, 0.0]), 0.02)
+    trajectory, program = synthetic_campaign(np.array([0.3, 0.0, 0.0]), 0.02)
     program["tolerance"] = [{"characteristic": "AP_p", "upper": 1.0}]
     first, last = program["pose"][1]["windows_s"][3]
     inside = (trajectory.time_s >= first) & (trajectory.time_s <= last)
@@ -116,7 +116,7 @@ def test_what_lies_outside_the_zone_gets_no_verdict() -> None:
 
 def test_a_frame_is_fitted_only_when_asked() -> None:
     names = ("P1", "P2", "P3", "P4")
-    trajectory, program = made_campaign(np.zeros(3), 0.02, cycles=5, names=names)
+    trajectory, program = synthetic_campaign(np.zeros(3), 0.02, cycles=5, names=names)
     turn, shift = Rotation.from_rotvec([0.01, -0.02, 0.03]), np.array([3.0, -2.0, 1.0])
     poses = trajectory.poses.copy()
     poses[:, :3] = turn.apply(poses[:, :3]) + shift
@@ -145,7 +145,7 @@ def test_a_frame_is_fitted_only_when_asked() -> None:
 
 
 def test_a_point_of_the_tool() -> None:
-    trajectory, program = made_campaign(np.zeros(3), 0.0, cycles=2, names=("P1",))
+    trajectory, program = synthetic_campaign(np.zeros(3), 0.0, cycles=2, names=("P1",))
     turn = np.array([0.0, 0.0, 0.001])
     trajectory = trajectory_of(trajectory.time_s, trajectory.poses[:, :3], np.tile(turn, (len(trajectory.time_s), 1)))
     random = np.zeros((6, 6))
@@ -161,7 +161,7 @@ def test_a_point_of_the_tool() -> None:
 @settings(max_examples=10, deadline=None)
 @given(st.permutations(range(4)))
 def test_the_order_of_cycles_changes_no_figure(order: list[int]) -> None:
-    trajectory, program = made_campaign(np.array([0.1, 0.2, 0.3]), 0.05, cycles=4, names=("P1",))
+    trajectory, program = synthetic_campaign(np.array([0.1, 0.2, 0.3]), 0.05, cycles=4, names=("P1",))
     places = [trajectory.poses[int(100 * s + 5), :3] for s, _ in program["pose"][0]["windows_s"]]
     time_s, position, windows = dwells(np.array(places)[order])
     program["pose"][0]["windows_s"] = windows
@@ -172,7 +172,7 @@ def test_the_order_of_cycles_changes_no_figure(order: list[int]) -> None:
 
 
 def test_rests_are_found_where_no_windows_are_stated() -> None:
-    trajectory, program = made_campaign(np.array([0.3, 0.1, 0.0]), 0.05, cycles=6, names=("P1", "P2", "P3"))
+    trajectory, program = synthetic_campaign(np.array([0.3, 0.1, 0.0]), 0.05, cycles=6, names=("P1", "P2", "P3"))
     stated = by_name(evaluate(trajectory, Program.model_validate(program), EXACT))
     for pose in program["pose"]:
         del pose["windows_s"]
@@ -191,7 +191,7 @@ def test_rests_are_found_where_no_windows_are_stated() -> None:
 
 @pytest.mark.parametrize("what", ["missing", "far", "cycles"])
 def test_rests_that_are_not_the_programs(what: str) -> None:
-    trajectory, program = made_campaign(np.zeros(3), 0.02, cycles=3, names=("P1", "P2", "P3"))
+    trajectory, program = synthetic_campaign(np.zeros(3), 0.02, cycles=3, names=("P1", "P2", "P3"))
     for pose in program["pose"]:
         del pose["windows_s"]
     said = {
@@ -212,7 +212,7 @@ def test_rests_that_are_not_the_programs(what: str) -> None:
 
 
 def test_windows_that_cannot_be_told() -> None:
-    trajectory, program = made_campaign(np.zeros(3), 0.02, cycles=3)
+    trajectory, program = synthetic_campaign(np.zeros(3), 0.02, cycles=3)
     model = Program.model_validate(program)
     start = program["pose"][0]["windows_s"][1][0]
     i = round(start * 100) + 7
@@ -273,7 +273,7 @@ def test_a_robot_beside_its_poses_as_a_whole_runs_in_order(away: tuple[float, fl
     names = {f"P{i + 1}": (70.0 * i, 20.0 * i**2, 0.0) for i in range(4)}
     at = np.array(list(names.values()))
 
-    def asked(places: np.ndarray) -> Any:
+    def requested(places: np.ndarray) -> Any:
         time_s, position, windows = dwells(np.vstack([places] * 4))
         poses = [
             {"name": n, "position_mm": p, "quaternion_xyzw": UNIT, "windows_s": windows[i::4]} for i, (n, p) in enumerate(names.items())
@@ -285,16 +285,16 @@ def test_a_robot_beside_its_poses_as_a_whole_runs_in_order(away: tuple[float, fl
     at = at + np.array(away)
     names = {name: (float(x), float(y), float(z)) for name, (x, y, z) in zip(names, at, strict=True)}
     turned = Rotation.from_euler("z", 4.0, degrees=True).apply(at - away) + away + [62.0, 18.0, 0.0]
-    assert asked(turned)["AP_p", "P1"].value == pytest.approx(np.hypot(62.0, 18.0), abs=0.05)
+    assert requested(turned)["AP_p", "P1"].value == pytest.approx(np.hypot(62.0, 18.0), abs=0.05)
     bent = at + np.array([[66.0, 19.0, 0.0], [50.0, 50.0, 25.0], [64.0, 90.0, 0.0], [60.0, 10.0, 45.0]])
     with pytest.raises(
         CertificationError, match=r"mm from P1 and .* mm from P2: it is so far from all poses \(median .* mm from the nearest one"
     ):
-        asked(bent)
+        requested(bent)
 
 
 def test_what_no_figure_can_be_told_from() -> None:
-    trajectory, program = made_campaign(np.zeros(3), 0.02, cycles=3, names=("P1",))
+    trajectory, program = synthetic_campaign(np.zeros(3), 0.02, cycles=3, names=("P1",))
     model = Program.model_validate(program)
 
     def refused(said: str, changed: Any = trajectory, of: Program = model, **chosen: Any) -> None:
@@ -321,7 +321,7 @@ def test_what_no_figure_can_be_told_from() -> None:
 
 
 def test_figures_over_groups_of_cycles() -> None:
-    _, program = made_campaign(np.zeros(3), 0.0, cycles=12, names=("P1",))
+    _, program = synthetic_campaign(np.zeros(3), 0.0, cycles=12, names=("P1",))
     places = np.zeros((12, 3))
     places[:, 0] = np.tile([0.0, 0.3, 0.3], 4)
     places[:, 1] = np.tile([0.0, 0.0, 0.4], 4)
@@ -381,7 +381,7 @@ def test_settling_posing_and_compliance_of_a_trajectory() -> None:
 
 
 def test_angles_where_a_convention_is_singular() -> None:
-    trajectory, program = made_campaign(np.zeros(3), 0.02, cycles=3, names=("P1",))
+    trajectory, program = synthetic_campaign(np.zeros(3), 0.02, cycles=3, names=("P1",))
     plain = evaluate(trajectory, Program.model_validate(program), EXACT)
     assert by_name(plain)["AP_a", "P1"].angles == "fanuc-wpr"
     assert any("'puma-oat' are singular" in note for note in plain.notes)
@@ -392,7 +392,7 @@ def test_angles_where_a_convention_is_singular() -> None:
 
 
 def test_the_same_input_gives_the_same_figures() -> None:
-    trajectory, program = made_campaign(np.array([0.3, 0.0, 0.0]), 0.05)
+    trajectory, program = synthetic_campaign(np.array([0.3, 0.0, 0.0]), 0.05)
     model = Program.model_validate(program)
     one, other = (evaluate(trajectory, model, StatedErrors(some_law(1), some_law(2))) for _ in range(2))
     assert one.characteristics == other.characteristics

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_trajectories import trajectory_of
+from synthetic_trajectories import trajectory_of
 
 from lmeasure.iso9283 import CertificationSettings
 from lmeasure.iso9283.clause import IsoTest, SampleErrors
@@ -28,7 +28,7 @@ def of(u_mm: float, n: int = 3) -> PoseErrors:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Held(IsoTest):
+class ZoneTest(IsoTest):
     """A test that is held against the zone by errors of its own, or by the laws'."""
 
     by: tuple[PoseErrors, ...] = ()
@@ -38,11 +38,11 @@ class Held(IsoTest):
         return errors(np.arange(3)) if self.by else None
 
 
-def held(kind: Any, name: str, angle_deg: float = 30.0, start: float = 0.0, **more: Any) -> Held:
-    return Held(subject=Subject(kind, name), windows=((start, start + 1.0),), angle_deg=angle_deg, **more)
+def held(kind: Any, name: str, angle_deg: float = 30.0, start: float = 0.0, **more: Any) -> ZoneTest:
+    return ZoneTest(subject=Subject(kind, name), windows=((start, start + 1.0),), angle_deg=angle_deg, **more)
 
 
-def asked(*tests: IsoTest, laws: Any = (), trajectory: Any = TRAJECTORY, **chosen: Any) -> Exclusions:
+def requested(*tests: IsoTest, laws: Any = (), trajectory: Any = TRAJECTORY, **chosen: Any) -> Exclusions:
     return exclusions(tests, trajectory, CertificationSettings(**chosen), laws)
 
 
@@ -51,12 +51,12 @@ def test_a_radius_holds_95_percent_of_the_position_that_errs_most() -> None:
 
 
 def test_the_zone_ends_beyond_its_largest_angle() -> None:
-    found = asked(held("pose", "A", 60.0), held("pose", "B", 60.01), held("path", "C", math.nan))
+    found = requested(held("pose", "A", 60.0), held("pose", "B", 60.01), held("path", "C", math.nan))
     assert {s.name: str(why) for s, why in found.reasons.items()} == {"B": "worst pressure angle 60.0 deg. The zone ends at 60 deg"}
     assert [str(f) for f in found.findings] == ["path C: its pressure angles are unknown, so it is not checked in the zone"]
     # what has no windows is not held against it, and without a limit nothing is
-    assert asked(Held(subject=Subject("distance", "A-B"), angle_deg=80.0)) == Exclusions({}, ())
-    assert asked(held("pose", "B", 80.0), held("path", "C", math.nan), limit_angle_deg=None) == Exclusions({}, ())
+    assert requested(ZoneTest(subject=Subject("distance", "A-B"), angle_deg=80.0)) == Exclusions({}, ())
+    assert requested(held("pose", "B", 80.0), held("path", "C", math.nan), limit_angle_deg=None) == Exclusions({}, ())
 
 
 @pytest.mark.parametrize(("u_mm", "reported"), [(0.0999 / ISOTROPIC_95, None), (0.1001 / ISOTROPIC_95, "0.1001")])
@@ -64,19 +64,19 @@ def test_the_zone_ends_beyond_its_largest_angle() -> None:
 def test_the_zone_ends_beyond_its_largest_radius_by_any_law(u_mm: float, reported: str | None, first: bool) -> None:
     few, many = (lambda _: of(0.001)), (lambda _: of(u_mm))
     tests = held("pose", "A", by=(of(0.0),)), held("pose", "B"), held("pose", "C", 70.0, by=(of(0.0),))
-    found = asked(*tests, laws=(many, few) if first else (few, many), limit_u95_mm=0.1)
+    found = requested(*tests, laws=(many, few) if first else (few, many), limit_u95_mm=0.1)
     radius = {} if reported is None else {"A": f"U95 of a position {reported} mm. The zone ends at 0.1 mm"}
     # one that is outside already keeps its reason
     assert {s.name: str(why) for s, why in found.reasons.items()} == radius | {
         "C": "worst pressure angle 70.0 deg. The zone ends at 60 deg"
     }
-    assert asked(*tests[:2], laws=(many,)) == Exclusions({}, ())
+    assert requested(*tests[:2], laws=(many,)) == Exclusions({}, ())
 
 
 def test_reasons_stand_in_the_order_of_certificates_whatever_they_are() -> None:
     kinds = ("posing", "path", "pose", "settling", "compliance")
     tests = [held(kind, f"{kind} {i}", 70.0 if i else 30.0, by=(of(0.0),)) for i in (1, 0) for kind in kinds]
-    found = asked(*tests, laws=(lambda _: of(1.0),), limit_u95_mm=0.1)
+    found = requested(*tests, laws=(lambda _: of(1.0),), limit_u95_mm=0.1)
     ordered = [f"{kind} {i}" for kind in ("pose", "path", "compliance", "settling", "posing") for i in (1, 0)]
     assert [s.name for s in found.reasons] == ordered
 
@@ -100,9 +100,9 @@ def test_what_hangs_on_counts_that_may_be_lost_gets_no_verdict() -> None:
     cause[:5] = message("cause.without", cause="")
     trajectory = type(TRAJECTORY)(**{**vars(TRAJECTORY), "cause": cause})
     tests = held("pose", "A", start=1.0), held("pose", "B", start=4.5), held("pose", "C", 70.0, start=6.0), held("pose", "D", start=3.85)
-    found = asked(*tests, trajectory=trajectory)
+    found = requested(*tests, trajectory=trajectory)
     assert {s.name: str(why) for s, why in found.reasons.items()} == {
         "B": "suspected lost counts: about 200 counts of ch3",
         "C": "suspected lost counts: about 200 counts of ch3",
     }
-    assert asked(*tests[:1], trajectory=trajectory) == Exclusions({}, ())
+    assert requested(*tests[:1], trajectory=trajectory) == Exclusions({}, ())

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_trajectories import StatedErrors, trajectory_of
+from synthetic_trajectories import StatedErrors, trajectory_of
 
 from lmeasure.iso9283 import CertificationSettings, evaluate
 from lmeasure.iso9283.characteristic import Characteristic, Contribution
@@ -22,11 +22,11 @@ SPEED, NOISE_MM, CYCLES = 250.0, 0.0046, 3
 LAW = StatedErrors(np.diag([0.0, 0.0, 0.0, *[NOISE_MM**2] * 3]))
 
 
-def run(seed: int, jitter_s: float, asked: bool = False, walk_s: float = 0.0) -> tuple[Trajectory, Program]:
+def run(seed: int, jitter_s: float, requested: bool = False, walk_s: float = 0.0) -> tuple[Trajectory, Program]:
     """A line of 300 mm at SPEED between ramps, CYCLES times with jumps back between rests, taken every 5 ms - asked: anew 0 to 10 ms after
     the last - and stamped up to jitter_s late, or with intervals of the stamps that err by walk_s and add up."""
     rng = np.random.default_rng(seed)
-    t = np.cumsum(rng.uniform(2e-4, 0.01, 1500)) if asked else 0.005 * np.arange(1500.0)
+    t = np.cumsum(rng.uniform(2e-4, 0.01, 1500)) if requested else 0.005 * np.arange(1500.0)
     since = np.clip(np.mod(t, 2.4) - 0.4, 0.0, 1.4)
     ramp = 5.0 * SPEED * np.minimum(np.minimum(since, 1.4 - since), 0.1) ** 2
     way = np.where(since < 0.1, ramp, np.where(since > 1.3, 325.0 - ramp, SPEED * (since - 0.05))) - 12.5
@@ -45,12 +45,12 @@ def figures(trajectory: Trajectory, program: Program) -> dict[str, Characteristi
     return {c.name: c for c in found.characteristics}
 
 
-@pytest.mark.parametrize(("jitter_s", "asked", "walk_s"), [(0.01, False, 0.0), (0.002, True, 0.0), (0.0, False, 0.004)])
-def test_speeds_lie_within_their_u95(jitter_s: float, asked: bool, walk_s: float) -> None:
+@pytest.mark.parametrize(("jitter_s", "requested", "walk_s"), [(0.01, False, 0.0), (0.002, True, 0.0), (0.0, False, 0.004)])
+def test_speeds_lie_within_their_u95(jitter_s: float, requested: bool, walk_s: float) -> None:
     inside: dict[str, list[bool]] = {"AV": [], "RV": [], "FV": []}
     fluctuation = []
     for seed in range(12):
-        found = figures(*run(seed, jitter_s, asked, walk_s))
+        found = figures(*run(seed, jitter_s, requested, walk_s))
         for name, held in inside.items():
             held.append(abs(found[name].value) <= found[name].u95)
         fluctuation.append([found["FV"].value, found["FV"].u95])
@@ -61,9 +61,9 @@ def test_speeds_lie_within_their_u95(jitter_s: float, asked: bool, walk_s: float
     assert np.median(u95) < 2.0 * value.max()
 
 
-@pytest.mark.parametrize(("jitter_s", "asked"), [(0.01, False), (0.002, True)])
-def test_without_the_stamps_judgement_cycles_differ_by_many_times_their_u95(jitter_s: float, asked: bool) -> None:
-    trajectory, program = run(0, jitter_s, asked)
+@pytest.mark.parametrize(("jitter_s", "requested"), [(0.01, False), (0.002, True)])
+def test_without_the_stamps_judgement_cycles_differ_by_many_times_their_u95(jitter_s: float, requested: bool) -> None:
+    trajectory, program = run(0, jitter_s, requested)
     found = evaluate(trajectory, program, LAW, settings=CertificationSettings(trials=200, planes=40), stamps=sound(trajectory.time_s))
     speeds = next(c for c in found.characteristics if c.name == "RV")
     assert speeds.value > 5.0 * speeds.u95
@@ -78,8 +78,8 @@ def test_places_and_shapes_do_not_feel_stamps() -> None:
 
 
 def test_the_certificate_says_it_in_both_languages() -> None:
-    for jitter_s, asked in ((0.01, False), (0.002, True)):
-        trajectory, program = run(1, jitter_s, asked)
+    for jitter_s, requested in ((0.01, False), (0.002, True)):
+        trajectory, program = run(1, jitter_s, requested)
         notes = evaluate(trajectory, program, LAW, settings=CertificationSettings(trials=100, planes=40)).notes
         assert "time stamps are irregular" in notes[0]
         assert isinstance(notes[0], Message)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 import pytest
-from made_trajectories import StatedErrors, by_name, made_campaign
+from synthetic_trajectories import StatedErrors, by_name, synthetic_campaign
 
 from lmeasure.core import FloatArray
 from lmeasure.iso9283 import CertificationSettings, clauses, evaluate
@@ -42,7 +42,7 @@ def farthest(given: Attainment) -> Iterator[FarthestTest]:
 
 
 def test_a_new_test_is_one_class_and_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    trajectory, program = made_campaign(np.array([0.3, 0.0, 0.0]), 0.05, cycles=8)
+    trajectory, program = synthetic_campaign(np.array([0.3, 0.0, 0.0]), 0.05, cycles=8)
     model = Program.model_validate(program)
     before = evaluate(trajectory, model, LAW, settings=CertificationSettings(trials=200))
     monkeypatch.setattr(clauses, "CLAUSES", (*clauses.CLAUSES, Clause(tests=farthest, quantities=())))
@@ -58,7 +58,7 @@ def test_a_new_test_is_one_class_and_one_line(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_what_is_asked_of_a_test_and_when_changes_nothing() -> None:
-    trajectory, program = made_campaign(np.array([0.3, 0.0, 0.0]), 0.05, cycles=4)
+    trajectory, program = synthetic_campaign(np.array([0.3, 0.0, 0.0]), 0.05, cycles=4)
     given = attained(trajectory, Program.model_validate(program), CertificationSettings(), sound(trajectory.time_s), rig_angles=None)
     tests = clauses.tests_of(clauses.CLAUSES, given)
     errors = [LAW, StatedErrors(np.zeros((6, 6)))]
@@ -77,7 +77,7 @@ def test_what_is_asked_of_a_test_and_when_changes_nothing() -> None:
 
 
 def test_one_direction_and_one_robot_vary_from_no_other() -> None:
-    trajectory, program = made_campaign(np.array([0.3, 0.0, 0.0]), 0.05, cycles=4)
+    trajectory, program = synthetic_campaign(np.array([0.3, 0.0, 0.0]), 0.05, cycles=4)
     program["pose"][0] |= {"approaches": ["up"] * 4, "units": ["A"] * 4}
     program["pose"][1] |= {"approaches": ["up", "down"] * 2, "units": ["A", "A", "B", "B"]}
     program["drift"] = [{"pose": "P1", "group": 4}, {"pose": "P2", "group": 2}]
@@ -99,7 +99,7 @@ def test_of_exact_positions_the_scatter_is_the_least_that_is_likely_of_as_many()
 )
 def test_a_distance_that_nobody_asks_for_is_that_of_the_standard(names: tuple[str, ...], ends: list[str]) -> None:
     """Of the first two poses where those of the standard are missing; none between poses of different numbers of cycles."""
-    trajectory, program = made_campaign(np.zeros(3), 0.05, cycles=2, names=names)
+    trajectory, program = synthetic_campaign(np.zeros(3), 0.05, cycles=2, names=names)
 
     def found() -> list[list[str]]:
         given = attained(trajectory, Program.model_validate(program), CertificationSettings(), sound(trajectory.time_s), rig_angles=None)

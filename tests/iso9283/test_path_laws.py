@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_paths import LINE, SQUARE, program_of, runs
-from made_trajectories import trajectory_of
 from scipy.spatial.transform import Rotation
+from synthetic_paths import LINE, SQUARE, program_of, runs
+from synthetic_trajectories import trajectory_of
 
 from lmeasure.core import FloatArray
 from lmeasure.iso9283 import CertificationSettings

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from made_trajectories import StatedErrors, trajectory_of
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from synthetic_trajectories import StatedErrors, trajectory_of
 
 from lmeasure.core import FloatArray
 from lmeasure.iso9283 import CertificationSettings, formulas
@@ -111,15 +111,15 @@ def test_errors_are_read_as_the_whole_spline_reads_them() -> None:
     errors = rng.normal(size=(4, 300, 3))
     finer = Finer(t, 4, np.arange(299 * 4 + 1) / 4 * 1e-3)
     points = np.r_[0, 401:423, 900:907, 299 * 4]
-    asked: list[int] = []
+    requested: list[int] = []
 
     def of_samples(samples: NDArray[np.int64]) -> FloatArray:
-        asked.extend(samples)
+        requested.extend(samples)
         return errors[:, samples]
 
     found = finer.errors(points, of_samples)
     np.testing.assert_allclose(found, CubicSpline(t, errors, axis=1)(finer.time_s[points]), atol=1e-5)
-    assert len(asked) < 120
+    assert len(requested) < 120
 
 
 @pytest.mark.parametrize("shared", [0.0, 0.02])

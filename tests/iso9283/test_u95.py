@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from honest import assert_honest
-from made_trajectories import UNIT, StatedErrors, by_name, dwells, made_campaign, some_law, trajectory_of
+from synthetic_trajectories import UNIT, StatedErrors, by_name, dwells, some_law, synthetic_campaign, trajectory_of
 
 from lmeasure.core import FloatArray
 from lmeasure.iso9283 import CertificationSettings, evaluate
@@ -20,7 +20,7 @@ EXACT = StatedErrors()
 
 
 def test_linear_law_and_monte_carlo_are_the_law_written_out() -> None:
-    trajectory, program = made_campaign(np.array([0.3, -0.4, 1.2]), 0.1)
+    trajectory, program = synthetic_campaign(np.array([0.3, -0.4, 1.2]), 0.1)
     random, shared = some_law(1), np.asarray(np.linalg.cholesky(some_law(2)))
     found = by_name(
         evaluate(
@@ -66,7 +66,7 @@ def test_a_small_offset_has_an_honest_interval(offset: float) -> None:
     ratios = []
     for seed in range(60):
         error = 0.01 * np.random.default_rng(seed).normal(size=3)
-        trajectory, program = made_campaign(np.array([offset, 0.0, 0.0]) + error, 0.0, cycles=2, seed=seed, names=("P1",))
+        trajectory, program = synthetic_campaign(np.array([offset, 0.0, 0.0]) + error, 0.0, cycles=2, seed=seed, names=("P1",))
         found = evaluate(
             trajectory, Program.model_validate(program), StatedErrors(shared=shared), settings=CertificationSettings(trials=300)
         )
@@ -77,7 +77,7 @@ def test_a_small_offset_has_an_honest_interval(offset: float) -> None:
 
 
 def test_repeatability_of_a_still_robot_is_not_said_to_be_known() -> None:
-    trajectory, program = made_campaign(np.zeros(3), 0.0)
+    trajectory, program = synthetic_campaign(np.zeros(3), 0.0)
     random = np.zeros((6, 6))
     random[3:, 3:] = 0.005**2 * np.eye(3)
     errors = StatedErrors(random)
@@ -149,10 +149,12 @@ def test_what_a_trajectory_calls_systematic_cancels_about_a_place() -> None:
     rounded[3:, 3:], common[3:, 3:] = count**2 / 12.0 * np.eye(3), 0.05**2 * np.eye(3)
     found: dict[tuple[str, float], Characteristic] = {}
     for systematic in (0.0, 1.0):
-        for run, asked in ((trajectory, program), (trajectory_of(*places[:2]), rests)):
+        for run, requested in ((trajectory, program), (trajectory_of(*places[:2]), rests)):
             n = len(run.time_s)
             stated = replace(run, random=np.tile(rounded, (n, 1, 1)), systematic=np.tile(systematic * common, (n, 1, 1)))
-            found |= {(c.name, systematic): c for c in evaluate(stated, asked, settings=CertificationSettings(trials=1000)).characteristics}
+            found |= {
+                (c.name, systematic): c for c in evaluate(stated, requested, settings=CertificationSettings(trials=1000)).characteristics
+            }
     for name in ("t_s", "OV", "t_min", "RP_l", "vAP_p"):
         assert found[name, 1.0].u95 == pytest.approx(found[name, 0.0].u95, rel=0.05), name
     assert found["t_s", 1.0].u95 < 1e-3 * 2
@@ -197,7 +199,7 @@ def test_a_repeatability_that_does_not_drift_has_an_honest_interval() -> None:
     places = np.tile(0.03 * np.random.default_rng(1).normal(size=(10, 3)), (3, 1))
     ratios = []
     for seed in range(50):
-        _, program = made_campaign(np.zeros(3), 0.0, cycles=30, names=("P1",))
+        _, program = synthetic_campaign(np.zeros(3), 0.0, cycles=30, names=("P1",))
         time_s, position, windows = dwells(places + 0.01 * np.random.default_rng(seed).normal(size=places.shape))
         program["pose"][0] |= {"windows_s": windows}
         program["drift"] = [{"pose": "P1", "group": 10}]
@@ -213,7 +215,7 @@ def test_a_small_variation_by_approach_has_an_honest_interval(apart: float) -> N
     random[3:, 3:] = 0.01**2 * np.eye(3)
     ratios = []
     for seed in range(60):
-        _, program = made_campaign(np.zeros(3), 0.0, cycles=12, names=("P1",))
+        _, program = synthetic_campaign(np.zeros(3), 0.0, cycles=12, names=("P1",))
         places = 0.01 * np.random.default_rng(seed).normal(size=(12, 3))
         places[::3, 0] += apart
         time_s, position, windows = dwells(places)
@@ -310,7 +312,7 @@ def test_a_group_that_was_attained_the_same_every_time_stays_so() -> None:
 
 
 def test_what_is_done_is_told_in_order_until_it_is_all() -> None:
-    trajectory, program = made_campaign(np.array([0.3, -0.4, 1.2]), 0.1)
+    trajectory, program = synthetic_campaign(np.array([0.3, -0.4, 1.2]), 0.1)
     reported: list[tuple[int, int]] = []
     model = Program.model_validate(program)
     evaluate(
@@ -323,7 +325,7 @@ def test_what_is_done_is_told_in_order_until_it_is_all() -> None:
 @pytest.mark.parametrize(("absent", "without"), [(("position", "rotation"), {"mm", "deg"}), (("rotation",), {"deg"}), ((), set[str]())])
 def test_figures_of_which_a_trajectory_states_no_uncertainty_have_none(absent: tuple[str, ...], without: set[str]) -> None:
     """But by a model of its errors they have."""
-    trajectory, program = made_campaign(np.array([0.3, -0.4, 1.2]), 0.1)
+    trajectory, program = synthetic_campaign(np.array([0.3, -0.4, 1.2]), 0.1)
     foreign, model, settings = replace(trajectory, absent=absent), Program.model_validate(program), CertificationSettings(trials=300)
     found = evaluate(foreign, model, settings=settings)
     kept = evaluate(foreign, model, StatedErrors(some_law(1)), settings=settings)

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_paths import FloatArray
-from made_trajectories import UNIT
 from scipy.interpolate import CubicSpline
+from synthetic_paths import FloatArray
+from synthetic_trajectories import UNIT
 
 from lmeasure.core import CertificationError
 from lmeasure.iso9283.clauses import weaving

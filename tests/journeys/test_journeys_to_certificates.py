@@ -59,14 +59,14 @@ def stated_exact(path: Path) -> None:
     path.write_text('unstated = "exact"\n' + path.read_text(encoding="utf-8"), encoding="utf-8")
 
 
-@pytest.mark.parametrize(("dialect", "asked"), [("log", QUICK), pytest.param("asc", WHOLE, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("dialect", "requested"), [("log", QUICK), pytest.param("asc", WHOLE, marks=pytest.mark.slow)])
 def test_an_engineer_from_a_log_to_a_verified_certificate(
-    dialect: str, asked: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    dialect: str, requested: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     log = Path(f"drive.{dialect}")
     said(monkeypatch, capsys, "init", "cell", "--template", "six-cables")
-    said(monkeypatch, capsys, "program", "--x=-150:150", "--y=-150:150", "--z=-150:150", *asked, "--out", "tests")
+    said(monkeypatch, capsys, "program", "--x=-150:150", "--y=-150:150", "--z=-150:150", *requested, "--out", "tests")
     driven(read_rig(Path("cell/rig.toml")), Path("tests/commands.csv"), log)
     guess = said(monkeypatch, capsys, "import", log, "--scan")
     # what a person does with the guess
@@ -82,7 +82,7 @@ def test_an_engineer_from_a_log_to_a_verified_certificate(
     assert (tmp_path / "page" / "trajectory.html").stat().st_size > 10_000
     said(monkeypatch, capsys, "program", "--out", "tests", "--ran", "trajectory.parquet")
     words = "certify", "trajectory.parquet", "--run", "run", "--program", "tests/program.toml", "--out", "certificate"
-    said(monkeypatch, capsys, *words, *(("--trials", 400) if asked == QUICK else ()))
+    said(monkeypatch, capsys, *words, *(("--trials", 400) if requested == QUICK else ()))
     found = accuracy(Path("certificate"))
     assert len(found) >= 5
     # one start pose and one draw of phases for all
@@ -90,20 +90,20 @@ def test_an_engineer_from_a_log_to_a_verified_certificate(
     assert "every file's hash is right" in said(monkeypatch, capsys, "verify", "certificate")
 
 
-@pytest.mark.parametrize("asked", [QUICK, pytest.param(WHOLE, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("requested", [QUICK, pytest.param(WHOLE, marks=pytest.mark.slow)])
 def test_a_laboratory_from_a_rig_to_a_certificate_that_others_verify(
-    asked: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    requested: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The campaign is a simulated rig's, the robot another simulation of the same rig."""
     monkeypatch.chdir(tmp_path)
     said(monkeypatch, capsys, "init", "lab", "--template", "six-cables")
     said(monkeypatch, capsys, "simulate", "lab/scenario.toml", "--out", "tried")
     said(monkeypatch, capsys, "calibrate", "tried/calibration", "--out", "calibrated")
-    grid = ("--x=-200:200:100", "--y=-200:200:100", "--z=-200:200:100") if asked == QUICK else ()
+    grid = ("--x=-200:200:100", "--y=-200:200:100", "--z=-200:200:100") if requested == QUICK else ()
     reported = said(monkeypatch, capsys, "zone", "calibrated/rig.toml", *grid, "--out", "zone.nc", "--report", "zone")
     assert "nodes are in the zone" in reported
     assert {p.name for p in Path("zone").iterdir()} >= {"zone.html", "zone.pdf"}
-    said(monkeypatch, capsys, "program", "--zone", "zone.nc", *asked, "--out", "tests")
+    said(monkeypatch, capsys, "program", "--zone", "zone.nc", *requested, "--out", "tests")
     driven(read_rig(Path("lab/rig.toml")), Path("tests/commands.csv"), Path("drive.log"))
     said(monkeypatch, capsys, "import", "drive.log", "--rig", "calibrated/rig.toml", "--out", "run", "--start", "0,0,0,0,-90,90")
     stated_exact(Path("run/run.toml"))
@@ -113,7 +113,7 @@ def test_a_laboratory_from_a_rig_to_a_certificate_that_others_verify(
     words = "certify", "trajectory.parquet", "--run", "run", "--program", "tests/program.toml", "--key", "laboratory.pem", "--zip"
     for language in ("en", "ru"):
         reported = said(
-            monkeypatch, capsys, *words, *(("--trials", 400) if asked == QUICK else ()), "--language", language, "--out", language
+            monkeypatch, capsys, *words, *(("--trials", 400) if requested == QUICK else ()), "--language", language, "--out", language
         )
         assert f"lmeasure verify {language}" in reported
     found = accuracy(Path("en"))

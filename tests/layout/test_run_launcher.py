@@ -84,8 +84,8 @@ def machine(launcher: ModuleType, monkeypatch: pytest.MonkeyPatch) -> Machine:
     ],
 )
 def test_arguments(launcher: ModuleType, arguments: list[str], extras: frozenset[str], command: list[str]) -> None:
-    asked, made = launcher.plan(arguments)
-    assert (asked, [word.removeprefix(f"{launcher.ROOT}{os.sep}") for word in made]) == (extras, command)
+    requested, made = launcher.plan(arguments)
+    assert (requested, [word.removeprefix(f"{launcher.ROOT}{os.sep}") for word in made]) == (extras, command)
 
 
 def test_a_minute_of_tests_names_tests_that_there_are(launcher: ModuleType) -> None:

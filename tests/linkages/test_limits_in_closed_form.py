@@ -226,15 +226,15 @@ def test_how_far_lines_are_beside_a_boundary_is_measured_at_their_quarters() -> 
 def test_places_are_put_between_until_lines_are_near_enough(within_mm: float | None) -> None:
     ellipse = across(lambda x, y: 1.0 - (x / 20.0) ** 2 - (y / 5.0) ** 2)
     found = boundary(limits(ellipse), PLANE, np.array([1.0, 1.0]), 8.0, within_mm=within_mm)
-    asked = 1e-5 * 40.0 if within_mm is None else within_mm
-    assert 0.2 * asked < found.off_mm <= asked
+    requested = 1e-5 * 40.0 if within_mm is None else within_mm
+    assert 0.2 * requested < found.off_mm <= requested
     begin, end = found.places, np.roll(found.places, -1, axis=0)
     fine = begin + np.linspace(0.0, 1.0, 33)[:, None, None] * (end - begin)
     x, y = fine[..., 0], fine[..., 1]
     gap = (1.0 - (x / 20.0) ** 2 - (y / 5.0) ** 2) / np.hypot(x / 200.0, y / 12.5)
     assert gap.min() > -1e-9
-    assert 0.2 * asked < gap.max() <= 1.2 * asked
-    assert found.area_mm2 == pytest.approx(100.0 * np.pi, rel=10.0 * asked / 5.0)
+    assert 0.2 * requested < gap.max() <= 1.2 * requested
+    assert found.area_mm2 == pytest.approx(100.0 * np.pi, rel=10.0 * requested / 5.0)
     assert len(found.limit) == len(found.places)
 
 

@@ -120,8 +120,8 @@ def test_no_bare_number_and_nothing_unstated_passed_over(english: tuple[Path, di
     # in one row what nobody stated, and rows of their own for those who ask for them
     lacking = ("customer.address", "sampling", "dates.issued", "item.model")
     assert all(word("en", key) in stated_in(content)["not stated"].split("; ") for key in lacking)
-    asked = stated_in(content | {"details": content["details"] | {"show_not_stated": True}})
-    assert all(asked[word("en", key)] == "not stated" for key in lacking)
+    requested = stated_in(content | {"details": content["details"] | {"show_not_stated": True}})
+    assert all(requested[word("en", key)] == "not stated" for key in lacking)
     for stated in ("2026-017", "Hall 3", "2026-03-02 – 2026-03-03", "R-0001", "Customer & Co", "21.5 °C", "A. Head"):
         assert flat(stated) in flat(text)
 

@@ -45,11 +45,11 @@ def test_show_below_a_cell(figure: Any, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_show_in_a_browser(figure: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    asked: list[str] = []
-    monkeypatch.setattr("webbrowser.open", asked.append)
+    requested: list[str] = []
+    monkeypatch.setattr("webbrowser.open", requested.append)
     monkeypatch.setattr("tempfile.mkdtemp", lambda prefix: str(tmp_path))
     figure.show()
-    assert asked == [(tmp_path / "figure.html").as_uri()]
+    assert requested == [(tmp_path / "figure.html").as_uri()]
     assert not FETCHED.search((tmp_path / "figure.html").read_text(encoding="utf-8"))
 
 

@@ -57,19 +57,19 @@ def test_seven_axes_by_command(tmp_path: Path) -> None:
     measured = {"name": list(planned.names), **{key: table.numbers(key) for key in keys}}
     write_table(tmp_path / "m.csv", measured | xyz(places(true, planned.joints, 0.02)))
     low, high = np.clip(nominal.limits, -1.4, 1.4)
-    asked = np.random.default_rng(3).uniform(low + 0.1, high - 0.1, (40, 7))
-    write_table(tmp_path / "asked.csv", {"name": [f"A{i}" for i in range(40)], **dict(zip(keys, np.degrees(asked.T), strict=True))})
+    requested = np.random.default_rng(3).uniform(low + 0.1, high - 0.1, (40, 7))
+    write_table(tmp_path / "asked.csv", {"name": [f"A{i}" for i in range(40)], **dict(zip(keys, np.degrees(requested.T), strict=True))})
     said = ran("identify", "--robot", "generic7", "--measurements", tmp_path / "m.csv", "--out", tmp_path / "id", "--free", "links",
                "--predict", tmp_path / "asked.csv")  # fmt: skip
     assert "30 rows, mean error" in said
     determined = read_table(tmp_path / "id" / "predictions.csv")
-    off = np.linalg.norm(determined.matrix(["x_mm", "y_mm", "z_mm"]) - places(true, asked, 0.02, 1)[:, :3], axis=1)
+    off = np.linalg.norm(determined.matrix(["x_mm", "y_mm", "z_mm"]) - places(true, requested, 0.02, 1)[:, :3], axis=1)
     assert np.mean(off <= determined.numbers("u95_mm")) >= 0.85
     assert np.median(off) < 0.2
     # base and target from poses, with the identified robot's flange
     robot = read_identified(tmp_path / "id")
     assert isinstance(robot.found, SerialRobot)
-    for name, poses in (("flange", robot.found.forward(asked)), ("target", places(true, asked))):
+    for name, poses in (("flange", robot.found.forward(requested)), ("target", places(true, requested))):
         write_table(
             tmp_path / f"{name}.csv",
             {"pose": [f"A{i}" for i in range(40)], **xyz(poses), **dict(zip(("qx", "qy", "qz", "qw"), poses[:, 3:].T, strict=True))},
@@ -79,13 +79,13 @@ def test_seven_axes_by_command(tmp_path: Path) -> None:
     assert np.linalg.norm(np.array(frames["base"]["position_mm"]) - BASE[:3]) < 0.5
     # corrected joint values send the true robot nearer to where the nominal one was meant to go
     program = tmp_path / "program.csv"
-    write_table(program, {"name": [f"T{i}" for i in range(10)], **{key: np.degrees(asked[:10, k]) for k, key in enumerate(keys)}})
+    write_table(program, {"name": [f"T{i}" for i in range(10)], **{key: np.degrees(requested[:10, k]) for k, key in enumerate(keys)}})
     assert "10 of 10 targets corrected" in ran("correct", program, "--identified", tmp_path / "id", "--out", tmp_path / "out")
     corrected = np.radians(read_table(tmp_path / "out" / "program.csv").matrix(keys))
     meant = se3.compose(
-        se3.compose(np.broadcast_to(robot.base, (10, 7)), nominal.forward(asked[:10])), np.broadcast_to(robot.tool, (10, 7))
+        se3.compose(np.broadcast_to(robot.base, (10, 7)), nominal.forward(requested[:10])), np.broadcast_to(robot.tool, (10, 7))
     )
-    before, after = (np.linalg.norm(places(true, q)[:, :3] - meant[:, :3], axis=1) for q in (asked[:10], corrected))
+    before, after = (np.linalg.norm(places(true, q)[:, :3] - meant[:, :3], axis=1) for q in (requested[:10], corrected))
     assert np.median(after) < 0.2 * np.median(before)
 
 

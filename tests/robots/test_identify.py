@@ -12,7 +12,7 @@ from lmeasure.io import columns_of
 from lmeasure.robots import Measurements, Robot, Settings, identify, predict, read_measurements, unknown_frames
 from lmeasure.robots.identification import hold_out, slips
 from lmeasure.robots.identification.measurements import measured
-from lmeasure.robots.identification.observability import determined_parameters, silent_directions
+from lmeasure.robots.identification.observability import determined_parameters, unobservable_directions
 from lmeasure.robots.identification.problem import Noise, Problem
 from lmeasure.robots.identification.unknowns import Unknowns, find_frames
 from lmeasure.robots.robot import shipped
@@ -124,13 +124,13 @@ def test_lengths_of_a_wire_find_the_robot_too() -> None:
 
 def test_what_cannot_be_told_is_said_in_words() -> None:
     found = identify(shipped("ur5").model, real(slice(0, 1000, 10)))
-    texts = {frozenset(s.direction): s.text for s in silent_directions(found.fit)}
+    texts = {frozenset(s.direction): s.text for s in unobservable_directions(found.fit)}
     assert "the base frame compensates it" in texts[frozenset({"joint_1.d_mm"})]
     assert "they compensate each other" in texts[frozenset({"joint_3.d_mm", "joint_2.d_mm"})]
     assert "the position of the tool compensates it" in texts[frozenset({"joint_6.d_mm"})]
     # none of them moves a measured place
     problem = found.fit.problem
-    for direction in silent_directions(found.fit):
+    for direction in unobservable_directions(found.fit):
         free = len(problem.unknowns.freed)
         step = np.array([direction.direction.get(n, 0.0) for n in problem.names[:free]])
         white = problem.whitened(found.fit.at)[1]
@@ -148,7 +148,7 @@ def test_the_real_arm_is_predicted_as_well_as_by_outside_fits() -> None:
         error = np.linalg.norm(predicted.pose[:, :3] - others.position, axis=1)
         assert error.mean() < most
         assert 0.92 < np.mean(error <= predicted.u95_mm) < 0.98
-    held = hold_out.held_out(found)
+    held = hold_out.cross_validation(found)
     assert held is not None
     assert 0.92 < held.within < 0.98
     worth = {w.family: w for w in hold_out.worth_freeing(found)}

@@ -29,10 +29,21 @@ def lines(rows: slice, *, places: bool) -> str:
 
 
 def test_what_is_written(tmp_path: Path) -> None:
-    measured, asked, out = tmp_path / "measurements.csv", tmp_path / "asked.csv", tmp_path / "out"
+    measured, requested, out = tmp_path / "measurements.csv", tmp_path / "asked.csv", tmp_path / "out"
     measured.write_text(lines(slice(0, 1000, 10), places=True), encoding="utf-8")
-    asked.write_text(lines(slice(5, 1000, 50), places=False), encoding="utf-8")
-    arguments = ["identify", "--robot", "ur5", "--measurements", str(measured), "--out", str(out), "--predict", str(asked), "--harmonics"]
+    requested.write_text(lines(slice(5, 1000, 50), places=False), encoding="utf-8")
+    arguments = [
+        "identify",
+        "--robot",
+        "ur5",
+        "--measurements",
+        str(measured),
+        "--out",
+        str(out),
+        "--predict",
+        str(requested),
+        "--harmonics",
+    ]
     arguments += ["--rerun", str(tmp_path / "robot.rrd")]
     said = ran(*arguments)
     assert "100 rows, mean error" in said
@@ -50,7 +61,7 @@ def test_what_is_written(tmp_path: Path) -> None:
     predicted = read_table(out / "predictions.csv")
     place = predicted.matrix(["x_mm", "y_mm", "z_mm"])
     robot = read_robot(out / "robot.toml")
-    joints = np.radians(read_table(asked).matrix(NAMES))
+    joints = np.radians(read_table(requested).matrix(NAMES))
     flange = robot.model.forward(joints)
     assert robot.tool is not None
     in_base = flange[:, :3] + Rotation.from_quat(flange[:, 3:]).apply(robot.tool.position_mm)

@@ -68,10 +68,10 @@ def test_shared_errors_as_unknowns_and_in_a_dense_covariance_are_the_same() -> N
     unknowns = Unknowns(start.robot, one.problem.unknowns.freed, frames, own)
     problem = Correlated(unknowns, own, one.problem.noise, False, shared=rows.systematic[rows.known])
     dense = fit(problem, problem.start, prior_everywhere=True)
-    asked = one.problem.unknowns.asked
-    u = np.sqrt(np.diag(one.covariance))[:asked]
-    np.testing.assert_allclose((dense.theta - one.theta[:asked]) / u, 0.0, atol=1e-3)
-    np.testing.assert_allclose(dense.covariance / np.outer(u, u), one.covariance[:asked, :asked] / np.outer(u, u), atol=1e-3)
+    requested = one.problem.unknowns.asked
+    u = np.sqrt(np.diag(one.covariance))[:requested]
+    np.testing.assert_allclose((dense.theta - one.theta[:requested]) / u, 0.0, atol=1e-3)
+    np.testing.assert_allclose(dense.covariance / np.outer(u, u), one.covariance[:requested, :requested] / np.outer(u, u), atol=1e-3)
 
 
 def test_rows_are_judged_by_the_general_deletion() -> None:

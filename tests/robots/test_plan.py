@@ -107,13 +107,13 @@ def test_a_platform_is_not_planned_behind_a_singular_pose_of_the_cables() -> Non
 def test_plan_poses_of_a_robot_from_the_command_line(tmp_path: Path) -> None:
     """The table is read by `identify --predict` and as candidates; the poses are those of the target."""
     out, poses = tmp_path / "joints.csv", tmp_path / "joints_poses.csv"
-    asked = ["plan-poses", "--robot", "ur5", "--poses", "12", "--tool", "30,20,120"]
-    ran(*asked, "--base", "1500,0,0", "--out", out)
+    requested = ["plan-poses", "--robot", "ur5", "--poses", "12", "--tool", "30,20,120"]
+    ran(*requested, "--base", "1500,0,0", "--out", out)
     rows = read_measurements(out, shipped("ur5").model, joints_alone=True)
     assert len(rows) == 12
     at = read_poses(poses, "puma-oat").rows
     own = se3.compose(np.tile([1500.0, 0, 0, 0, 0, 0, 1.0], (12, 1)), shipped("ur5").model.forward(rows.joints))
     assert at[:, :3] == pytest.approx(se3.apply(own, np.array([30.0, 20.0, 120.0])), abs=1e-6)
-    ran(*asked[:3], "--poses", "5", "--candidates", out, "--out", tmp_path / "five.csv")
+    ran(*requested[:3], "--poses", "5", "--candidates", out, "--out", tmp_path / "five.csv")
     assert set(read_measurements(tmp_path / "five.csv", shipped("ur5").model, joints_alone=True).names) < set(rows.names)
     refused("plan-poses", "rig.toml", "--poses", "3", "--tool", "1,2,3", "--out", tmp_path / "no.csv", code=2)

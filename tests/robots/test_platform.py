@@ -10,7 +10,7 @@ from lmeasure.core import FloatArray, RobotError, se3
 from lmeasure.linkages import assemblies
 from lmeasure.robots import Measurements, PlatformFile, Settings, any_shipped, identify, predict
 from lmeasure.robots.identification.measurements import measured
-from lmeasure.robots.identification.observability import determined_parameters, silent_directions
+from lmeasure.robots.identification.observability import determined_parameters, unobservable_directions
 from lmeasure.robots.platform import Platform
 from lmeasure.robots.robot import robot_from_dict
 
@@ -98,7 +98,7 @@ def test_a_built_platform_is_identified_through_the_same_door(name: str) -> None
     names, values = found.fit.problem.names, found.fit.problem.unknowns.values(found.fit.x)
     z = [(v - value[n]) / s for n, v, s, known in zip(names, values, u, determined, strict=True) if known and n in value]
     assert not z or np.abs(z).max() < 4.5
-    texts = " ".join(s.text for s in silent_directions(found.fit))
+    texts = " ".join(s.text for s in unobservable_directions(found.fit))
     assert "the base frame" in texts
 
 

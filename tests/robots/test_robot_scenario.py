@@ -49,9 +49,9 @@ def test_planted_errors_are_those_of_the_built_robot(tmp_path: Path) -> None:
     done = run.performance
     rest = int(done.spans[0].end_s * 100) - 1
     # to first order, by the derivative that another test holds to differences
-    _, _, by_parameters = run.drawn.model.derivatives(done.asked[rest : rest + 1])
+    _, _, by_parameters = run.drawn.model.derivatives(done.requested[rest : rest + 1])
     twist = 0.8 * by_parameters[0, names.index("leg_1.rod_mm")]
-    flange, base = run.drawn.model.forward(done.asked[rest : rest + 1])[0], np.array([0.0, 0.0, -400.0, 0.0, 0.0, 0.0, 1.0])
+    flange, base = run.drawn.model.forward(done.requested[rest : rest + 1])[0], np.array([0.0, 0.0, -400.0, 0.0, 0.0, 0.0, 1.0])
     moved = se3.displacement(se3.compose(se3.inverse(base), done.poses[rest]), flange)
     np.testing.assert_allclose(moved[:3], twist[:3], atol=3e-5)
     np.testing.assert_allclose(moved[3:], twist[3:] + np.cross(twist[:3], flange[:3]), atol=0.02)
@@ -129,7 +129,7 @@ def test_joints_go_over_home_where_no_straight_way_is(tmp_path: Path) -> None:
     scenario = {**FIRST, "motion": {"dwell_s": 0.4}, "robot": {"model": "four-chains-arms", "commands": "joints.csv"}}
     done = simulate_robot(*scenario_from_dict(scenario), tmp_path).performance
     rests = [int(s.end_s * 100) for s in done.spans]
-    np.testing.assert_allclose(done.asked[rests], joints, atol=1e-9)
+    np.testing.assert_allclose(done.requested[rests], joints, atol=1e-9)
     own = se3.compose(np.tile(se3.inverse(model.home), (len(joints), 1)), model.forward(joints))
     assert np.abs(se3.displacement(done.poses[rests], own)).max() < 1e-6
 
@@ -158,8 +158,8 @@ def test_a_platform_of_three_freedoms_is_simulated_certified_and_identified_by_c
     determined = np.array([[*p.position_mm, *p.quaternion_xyzw] for p in program.pose])
     assert np.abs(se3.displacement(determined, drawn)).max() < 1e-5
     run("reconstruct", tmp_path / "run", "--out", tmp_path / "trajectory.parquet")
-    asked = ("--run", tmp_path / "run", "--program", folder / "program.toml", "--out", tmp_path / "certificate")
-    assert "AP_p" in run("certify", tmp_path / "trajectory.parquet", *asked)
+    requested = ("--run", tmp_path / "run", "--program", folder / "program.toml", "--out", tmp_path / "certificate")
+    assert "AP_p" in run("certify", tmp_path / "trajectory.parquet", *requested)
     built = ("--u-links-mm", 0.2, "--u-links-deg", 0.02, "--free", "links")
     measured = ("--measurements", tmp_path / "run", "--joints", folder / "joints.csv")
     out = run("identify", "--robot", folder / "robot.toml", *measured, *built, "--out", tmp_path / "identified")

@@ -100,7 +100,7 @@ def test_bad_rows_lose_their_weight_and_the_others_keep_what_they_say(
     assert 0.6 < np.sqrt(np.mean(off**2)) < 1.5
     assert np.mean(predict(found, found.rows.joints).u95_mm) < 0.5 * np.mean(predict(alike, found.rows.joints).u95_mm)
     # rows held out are judged with weights of their own
-    held = hold_out.held_out(found)
+    held = hold_out.cross_validation(found)
     assert held is not None
     assert held.misfit < 1.3
     assert len(held.rows) == found.kept.sum()

@@ -87,12 +87,12 @@ def test_a_servo_is_its_differential_equation() -> None:
     w, z = np.linspace(30.0, 80.0, 6), np.linspace(0.4, 1.2, 6)
     robot = replace(perfect(), natural_rad_s=w, damping=z)
     time_s = np.arange(400) / RATE
-    asked = 0.1 + np.stack([np.interp(time_s, [0.05, 0.15], [0.0, 0.3 + 0.1 * i]) for i in range(6)], axis=1)
-    got = robot._servo(asked, RATE)
+    requested = 0.1 + np.stack([np.interp(time_s, [0.05, 0.15], [0.0, 0.3 + 0.1 * i]) for i in range(6)], axis=1)
+    got = robot._servo(requested, RATE)
     for i in range(6):
 
         def flow(t: float, y: FloatArray, i: int = i) -> list[float]:
-            u = float(np.interp(t, time_s, asked[:, i]))
+            u = float(np.interp(t, time_s, requested[:, i]))
             return [y[1], w[i] ** 2 * (u - y[0]) - 2 * z[i] * w[i] * y[1]]
 
         solved = solve_ivp(flow, (0.0, time_s[-1]), [0.1, 0.0], t_eval=time_s, rtol=1e-9, atol=1e-11, max_step=1e-3).y[0]

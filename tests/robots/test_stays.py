@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from lmeasure.core import FloatArray, se3
 from lmeasure.io.tables import read_table
-from lmeasure.robots import Identified, Measurements, beyond, held_out, identify, identify_with_choice, predict, read_identified
+from lmeasure.robots import Identified, Measurements, beyond, cross_validation, identify, identify_with_choice, predict, read_identified
 from lmeasure.robots.identification.measurements import measured, stays_of
 from lmeasure.robots.robot import shipped
 
@@ -139,7 +139,7 @@ def real() -> Measurements:
 
 
 def judged(found: Identified[Any]) -> Identified[Any]:
-    held = held_out(found)
+    held = cross_validation(found)
     assert held is not None
     return replace(found, misfit=held.misfit, beyond=beyond(found))
 

@@ -48,8 +48,8 @@ def flange(degrees: object, off: object = 0.0) -> Matrix:
 def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out, case = tmp_path_factory.mktemp("arm") / "id", CASES / "urdf-flange-lost"
     names = ",".join(f"joint_{i}_deg" for i in range(1, 7))
-    asked = f"name,{names},target\na,10,15,-20,30,40,-25,tool\nb,10,15,-20,30,40,-25,ball\n"
-    (out.parent / "asked.csv").write_text(asked, encoding="utf-8")
+    requested = f"name,{names},target\na,10,15,-20,30,40,-25,tool\nb,10,15,-20,30,40,-25,ball\n"
+    (out.parent / "asked.csv").write_text(requested, encoding="utf-8")
     said = ran(
         "identify", "--robot", case / "arm.urdf", "--measurements", case / "measured.csv", "--out", out, "--free", "links", "--predict",
         out.parent / "asked.csv",

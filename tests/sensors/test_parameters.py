@@ -179,10 +179,10 @@ def test_a_group_of_one_point_alone() -> None:
     assert names("axial:B2", "radius:B1") == ["B1.pulley_radius_mm", "B2.axial_offset_mm"]
     assert len(names("attachment")) == 9
     assert group_names(rig.cable, "axial") == tuple(f"B{i}.axial_offset_mm" for i in range(1, 7))
-    for asked in ("axial:B9", "attachment:B1", "attachment:P1"):
-        group, _, owner = asked.partition(":")
+    for requested in ("axial:B9", "attachment:B1", "attachment:P1"):
+        group, _, owner = requested.partition(":")
         with pytest.raises(CalibrationError, match=f"^--solve: {group}:{owner}: '{owner}' is no observation_point "):
-            names(asked)
+            names(requested)
     # a point without a pulley has none that could be off its axis
     straight = with_values(rig, {"B2.pulley_radius_mm": 0.0})
     for group, each in (("eccentricity", 2), ("offset", 1), ("run-out", 2)):

@@ -140,10 +140,10 @@ def test_questions_are_russian_where_the_terminal_is(tmp_path: Path, monkeypatch
     monkeypatch.setenv("LANGUAGE", "ru")
     answers = ["four", "", "", "", "6000.5", "", "0,012", "", "", "-1", "", "1,2", *[""] * 12]
     made = ran("init", tmp_path, typed="\n".join(answers))
-    asked = made.partition(str(tmp_path))[0]
-    words = set(re.findall("[A-Za-z]{3,}", asked))
+    requested = made.partition(str(tmp_path))[0]
+    words = set(re.findall("[A-Za-z]{3,}", requested))
     assert words == set(re.findall("[A-Za-z]{3,}", f"four my rig Enter {' '.join(TEMPLATES)} {' '.join(CONVENTIONS)}")), words
-    assert "[0.012]: '0,012' – не число. " in asked  # as it may be typed
+    assert "[0.012]: '0,012' – не число. " in requested  # as it may be typed
 
 
 def test_what_is_said_to_come_next_can_be_pasted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

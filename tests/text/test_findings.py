@@ -14,7 +14,9 @@ COVERS = message("covers.run.uncalibrated", sources=(message("source.counts"), m
 def test_words_are_made_of_values_at_the_end() -> None:
     assert str(ZONE) == "worst pressure angle 71.2 deg. The zone ends at 60 deg"
     assert NESTED.text("ru") == "поза P1: наибольший угол давления 71,2°. Граница зоны 60°"
-    assert str(COVERS) == "the resolution of the counts, clock of pass 2, another. The calibration is not included: the rig has no link to one"
+    assert (
+        str(COVERS) == "the resolution of the counts, clock of pass 2, another. The calibration is not included: the rig has no link to one"
+    )
     assert COVERS.text("ru").startswith("дискретность отсчётов, часы прохода 2, another. Калибровка не учтена")
 
 

@@ -36,7 +36,7 @@ class Readings:
 
     def __init__(self, u: Sequence[float], *, unknowns: int = 1) -> None:
         self.free, self.u = np.arange(unknowns), np.array(u)
-        self.asked: list[tuple[bool, ...]] = []
+        self.requested: list[tuple[bool, ...]] = []
         self.at: list[int] = []
         self.law: Callable[[FloatArray, int], FloatArray] = lambda q, freedom: np.asarray(chi2.logsf(q, freedom))
         self.scripted: dict[tuple[int, ...], tuple[float, float]] = {}
@@ -62,7 +62,7 @@ class Readings:
 
     def chance(self, epochs: Epochs, poses: FloatArray, used: BoolArray) -> ChanceOfContradiction:
         assert len(epochs) == len(poses)
-        self.asked.append(tuple(used.tolist()))
+        self.requested.append(tuple(used.tolist()))
         self.at.append(len(epochs))
         q = np.linspace(0.0, 200.0, 20001)
         return ChanceOfContradiction(q, self.law(q, int(used.sum()) - len(self.free)))
@@ -159,10 +159,10 @@ def test_an_alarm_is_one_that_a_sound_run_has_once_in_a_thousand(samples: int) -
 
 def test_the_law_of_rounding_is_worked_out_where_the_normal_law_hardly_allows_what_is_seen() -> None:
     """Once for all channels that are used together, from the first epoch that uses them."""
-    for chance, asked in ((0.051, 0), (0.049, 1)):
+    for chance, requested in ((0.051, 0), (0.049, 1)):
         readings = Readings([U] * 4)
         judged(alarm_at(chi2.isf(chance, 3)), readings)
-        assert len(readings.asked) == asked
+        assert len(readings.requested) == requested
     readings = Readings([U] * 4)
     # with a law that ends early, what the normal law would let pass is an alarm
     readings.law = lambda q, freedom: np.asarray(-4.0 * q)
@@ -171,8 +171,8 @@ def test_the_law_of_rounding_is_worked_out_where_the_normal_law_hardly_allows_wh
     epochs = with_errors((2, 100, 130, 0.2), (2, 200, 230, 0.2))
     epochs.change_mm[:50, 3] = np.nan
     judged(epochs, readings)
-    assert readings.asked.count((True,) * 4) == 1
-    assert readings.at[readings.asked.index((True,) * 4)] == N - 50
+    assert readings.requested.count((True,) * 4) == 1
+    assert readings.at[readings.requested.index((True,) * 4)] == N - 50
 
 
 def test_what_is_used_by_fewer_channels_has_fewer_degrees_of_freedom() -> None:
@@ -533,10 +533,10 @@ def test_of_a_long_run_the_epochs_are_kept_that_contradict_themselves_most(monke
 
 def test_only_what_is_suspect_is_worked_out() -> None:
     """By the normal law at 1e-4, and at one degree of freedom at least; where there is no pose nothing is."""
-    readings, asked = Readings([U] * 4), []
+    readings, requested = Readings([U] * 4), []
 
     def parities(epochs: Epochs, poses: FloatArray, used: BoolArray | None = None) -> Parities:
-        asked.extend(np.round(epochs.time_s * 100.0).astype(int).tolist())
+        requested.extend(np.round(epochs.time_s * 100.0).astype(int).tolist())
         return Readings.parities(readings, epochs, poses, used)
 
     readings.parities = parities  # type: ignore[method-assign]
@@ -550,7 +550,7 @@ def test_only_what_is_suspect_is_worked_out() -> None:
     )
     one: Any = readings
     EpochFinder(one).add(every, poses, chi)
-    assert asked == [2, 3, 4, 8, 11]
+    assert requested == [2, 3, 4, 8, 11]
 
 
 def reconstruction(readings: Readings | None, epochs: Epochs, **budget: Any) -> Any:

@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from in_process import ran, refused
-from made_trajectories import made_campaign
 from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
+from synthetic_trajectories import synthetic_campaign
 
 from lmeasure.cli.app import main
 from lmeasure.core import FileFormatError, FloatArray, LMeasureError, SettingsError, Status
@@ -28,7 +28,7 @@ U = ("--u-position-mm", "0.01", "--u-rotation-deg", "0.001")
 
 @pytest.fixture(scope="module")
 def ours() -> tuple[Trajectory, dict[str, object]]:
-    return made_campaign(np.array([0.2, -0.1, 0.3]), 0.02)
+    return synthetic_campaign(np.array([0.2, -0.1, 0.3]), 0.02)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])

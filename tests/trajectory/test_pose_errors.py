@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from made_trajectories import UNIT, by_name, dwells, trajectory_of
 from numpy.typing import NDArray
+from synthetic_trajectories import UNIT, by_name, dwells, trajectory_of
 
 from lmeasure.iso9283 import CertificationSettings, evaluate
 from lmeasure.recording import Program

@@ -183,9 +183,9 @@ def test_samples_that_a_host_asked_for_keep_their_stamps() -> None:
     rng = np.random.default_rng(5)
     true = np.cumsum(rng.uniform(2e-4, 0.01, 1500))
     places, u = measured(rng, true)
-    asked = judge_stamps(true, places, u)
-    assert asked.kind == "sound"
-    assert asked.time_s is true
+    requested = judge_stamps(true, places, u)
+    assert requested.kind == "sound"
+    assert requested.time_s is true
     late = np.sort(true + rng.uniform(0.0, 0.001, len(true)))
     found = judge_stamps(late, places, u)
     assert found.kind == "uneven"

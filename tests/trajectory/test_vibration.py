@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from honest import assert_honest
-from made_trajectories import UNIT, StatedErrors, by_name, trajectory_of
 from scipy.special import j0
+from synthetic_trajectories import UNIT, StatedErrors, by_name, trajectory_of
 
 from lmeasure.core import FloatArray, symmetric_root
 from lmeasure.iso9283 import CertificationSettings, evaluate

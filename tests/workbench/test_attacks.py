@@ -42,7 +42,7 @@ def project(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def asked(project: Path) -> Iterator[TestClient]:
+def session(project: Path) -> Iterator[TestClient]:
     with client(project) as one:
         yield one
 
@@ -59,11 +59,11 @@ def said(text: str) -> str:
     return unescape(found[1]) if found else ""
 
 
-def test_no_zip_leaves_anything_or_ends_in_a_fault(asked: TestClient, project: Path) -> None:
+def test_no_zip_leaves_anything_or_ends_in_a_fault(session: TestClient, project: Path) -> None:
     before = tree(project.parent)
     for name, content in hostile.zips().items():
         for path, data in (("/upload", {"folder": "in"}), ("/verify", {})):
-            answer = asked.post(path, data=data, files={"files": ("x.zip", content)})
+            answer = session.post(path, data=data, files={"files": ("x.zip", content)})
             assert answer.status_code == 422, (name, path, answer.status_code)
             assert said(answer.text), (name, path)
             assert "\n" not in said(answer.text), (name, path)
@@ -71,32 +71,32 @@ def test_no_zip_leaves_anything_or_ends_in_a_fault(asked: TestClient, project: P
             assert tree(project.parent) == before, (name, path)
 
 
-def test_of_several_files_all_are_taken_in_or_none(asked: TestClient, project: Path) -> None:
+def test_of_several_files_all_are_taken_in_or_none(session: TestClient, project: Path) -> None:
     before = tree(project)
     for second in (("bad.zip", b"no zip"), ("a.csv", b"again"), (".hidden", b""), ("rig.toml", b""), ("a" * 300, b"")):
-        answer = asked.post("/upload", data={"folder": "."}, files=[("files", ("a.csv", b"1")), ("files", second)])
+        answer = session.post("/upload", data={"folder": "."}, files=[("files", ("a.csv", b"1")), ("files", second)])
         assert answer.status_code == 422, second
         assert tree(project) == before, second
     for names in (("c/a", "c/a"), ("c/a", "c/a/b"), ("c/a", ".git/x"), ("c/a", "c/../../x")):
-        answer = asked.post("/verify", files=[("files", (name, b"1")) for name in names])
+        answer = session.post("/verify", files=[("files", (name, b"1")) for name in names])
         assert answer.status_code == 422, names
         assert tree(project) == before, names
 
 
-def test_what_is_hidden_is_neither_written_nor_served(asked: TestClient, project: Path) -> None:
+def test_what_is_hidden_is_neither_written_nor_served(session: TestClient, project: Path) -> None:
     before = tree(project)
     for folder in (".git/hooks", "./.git", ".new", "a/.git", "a/../.git/hooks"):
-        assert asked.post("/upload", data={"folder": folder}, files={"files": ("post-commit", b"x")}).status_code == 422, folder
-        assert asked.post("/run/init", data={"_form": "1", "template": "six-cables", "out": folder}).status_code == 422, folder
-        assert asked.post("/details", data={"_file": f"{folder}/d.toml"}).status_code == 404, folder
+        assert session.post("/upload", data={"folder": folder}, files={"files": ("post-commit", b"x")}).status_code == 422, folder
+        assert session.post("/run/init", data={"_form": "1", "template": "six-cables", "out": folder}).status_code == 422, folder
+        assert session.post("/details", data={"_file": f"{folder}/d.toml"}).status_code == 404, folder
     for path in ("/raw/.git/config", "/look/.git/config", "/look/.git", "/rig?file=.git/config", "/trajectory/.git/config"):
-        answer = asked.get(path)
+        answer = session.get(path)
         assert answer.status_code == 404, path
         assert "secret" not in answer.text
     assert tree(project) == before
 
 
-def test_nothing_that_is_asked_is_a_fault(asked: TestClient, project: Path) -> None:
+def test_nothing_that_is_asked_is_a_fault(session: TestClient, project: Path) -> None:
     """Names that are too long, numbers of thousands of digits, half letters, JSON that is deep, and forms without end."""
     half, deep = "\ud800", hostile.deep(900)
     names = (LONG, DIGITS, f"{LONG}/rig.toml", quote("\0"), "a%00b", "%ff%fe", "%ed%a0%80", "я" * 200, "/".join(["d"] * 3000))
@@ -107,10 +107,10 @@ def test_nothing_that_is_asked_is_a_fault(asked: TestClient, project: Path) -> N
     questions = ("rig?file=", "scene?file=", "details?file=", "calibrations?old=x&new=", "run/zone?_form=1&rig=", "?code=")
     for name in names:
         for page in pages:
-            assert 400 <= asked.get(f"/{page}{name}").status_code < 500, (page, name[:20])
+            assert 400 <= session.get(f"/{page}{name}").status_code < 500, (page, name[:20])
         for question in questions:
-            assert asked.get(f"/{question}{name}").status_code < 500, (question, name[:20])
-        assert asked.post("/upload", data={"folder": name}, files={"files": (name, b"x")}).status_code in (303, 400, 422)
+            assert session.get(f"/{question}{name}").status_code < 500, (question, name[:20])
+        assert session.post("/upload", data={"folder": name}, files={"files": (name, b"x")}).status_code in (303, 400, 422)
     for path, data in (
         ("/run/zone", {"rig": "rig.toml", "out": "z.nc", "u95_mm": DIGITS, "_form": "1"}),
         ("/run/record", {"rig": "rig.toml", "out": "r", "bus": "virtual:x", "seconds": f"1e{DIGITS}", "_form": "1"}),
@@ -122,9 +122,9 @@ def test_nothing_that_is_asked_is_a_fault(asked: TestClient, project: Path) -> N
         ("/projects", {"name": LONG}),
         ("/nowhere", {}),
     ):
-        assert 400 <= asked.post(path, data=data).status_code < 500, path
+        assert 400 <= session.post(path, data=data).status_code < 500, path
     for path in ("/details/preview", "/line/zone", "/language"):
-        assert asked.post(path, data={"rig": DIGITS, "back": DIGITS, "conditions.temperature_c": DIGITS}).status_code < 500
+        assert session.post(path, data={"rig": DIGITS, "back": DIGITS, "conditions.temperature_c": DIGITS}).status_code < 500
     bodies = [deep, hostile.deep(200_000), DIGITS, "{", "nul", '"\\ud800"', f'{{"command": "zone", "settings": {{"u95_mm": {DIGITS}}}}}']
     bodies += [json.dumps({"command": c, "settings": s}) for c in ("zone", half) for s in ({"rig": half}, {half: 1}, {"rig": {"a": [1]}})]
     bodies += [
@@ -133,7 +133,7 @@ def test_nothing_that_is_asked_is_a_fault(asked: TestClient, project: Path) -> N
     ]
     for body in bodies:
         for path in ("/api/jobs", "/api/jobs/1", "/coarse"):
-            answer = asked.post(path, content=body.encode(), headers={"Content-Type": "application/json"})
+            answer = session.post(path, content=body.encode(), headers={"Content-Type": "application/json"})
             assert answer.status_code < 500, (path, body[:80])
             assert answer.status_code >= 400 or path == "/coarse", (path, body[:80])
     bound = {"Content-Type": "multipart/form-data; boundary=b"}
@@ -148,7 +148,7 @@ def test_nothing_that_is_asked_is_a_fault(asked: TestClient, project: Path) -> N
         (b"name=1", {"Content-Type": "application/x-www-form-urlencoded", "Content-Length": DIGITS}),
     ):
         for path in ("/upload", "/verify", "/projects", "/line/zone", "/details/preview"):
-            assert asked.post(path, content=content, headers=head).status_code < 500, (path, head)
+            assert session.post(path, content=content, headers=head).status_code < 500, (path, head)
     for head in (
         {"Cookie": "=" * 5000},
         {"Cookie": '"' + LONG},
@@ -157,11 +157,11 @@ def test_nothing_that_is_asked_is_a_fault(asked: TestClient, project: Path) -> N
         {"Range": f"bytes={DIGITS}-"},
     ):
         for path in ("/", "/raw/rig.toml"):
-            assert asked.get(path, headers=head).status_code < 500, head
-    assert asked.get("/", headers={"X-Long": "x" * 70_000}).status_code == 431
+            assert session.get(path, headers=head).status_code < 500, head
+    assert session.get("/", headers={"X-Long": "x" * 70_000}).status_code == 431
 
 
-def test_what_is_taken_in_holds_up_nobody(asked: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_taken_in_holds_up_nobody(session: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     """While a file is written others are answered."""
     begun, others = threading.Event(), threading.Event()
 
@@ -172,11 +172,11 @@ def test_what_is_taken_in_holds_up_nobody(asked: TestClient, monkeypatch: pytest
 
     monkeypatch.setattr(project_files, "take_in", slow)
     answers: list[int] = []
-    upload = threading.Thread(target=lambda: answers.append(asked.post("/upload", files={"files": ("a.csv", b"1")}).status_code))
+    upload = threading.Thread(target=lambda: answers.append(session.post("/upload", files={"files": ("a.csv", b"1")}).status_code))
     upload.start()
     assert begun.wait(20.0)
-    assert asked.get("/api/jobs").status_code == 200
-    assert asked.get("/files").status_code == 200
+    assert session.get("/api/jobs").status_code == 200
+    assert session.get("/files").status_code == 200
     others.set()
     upload.join()
     assert answers == [303]
@@ -253,7 +253,7 @@ def test_a_server_that_waits_for_something_ends_all_the_same(tmp_path: Path) -> 
     assert not list((tmp_path / ".workbench").glob("[at]*"))  # neither address nor token
 
 
-def test_files_that_stand_for_more_memory_than_there_is(asked: TestClient, project: Path) -> None:
+def test_files_that_stand_for_more_memory_than_there_is(session: TestClient, project: Path) -> None:
     """Some kilobytes of equal numbers or texts, of which a page shows nothing."""
     hostile.parquet_of_equal_numbers(project / "numbers.parquet", 1_000_000, 20)
     hostile.parquet_of_one_text(project / "texts.parquet", 200_000, 10_000)
@@ -262,7 +262,7 @@ def test_files_that_stand_for_more_memory_than_there_is(asked: TestClient, proje
     for name in ("numbers.parquet", "texts.parquet", "sparse.csv"):
         assert name == "sparse.csv" or (project / name).stat().st_size < 2**20, name
         for at in ("trajectory", "along", "export"):
-            answer = asked.get(f"/{at}/{name}")
+            answer = session.get(f"/{at}/{name}")
             assert answer.status_code == 422, (at, name)
             assert "Pages do not show such files" in answer.text, (at, name)
     # what no size tells: the process that reads has a bound, and is begun anew where it ends

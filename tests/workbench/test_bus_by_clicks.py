@@ -67,13 +67,13 @@ def test_one_job_is_not_begun_twice(tmp_path: Path) -> None:
     from bench import client
 
     write_rig(tmp_path / "rig.toml", cell_rig(0))
-    with client(tmp_path) as asked:
+    with client(tmp_path) as session:
         form = {"_form": "1", "rig": "rig.toml", "bus": "udp_multicast:239.74.201.3", "out": "run", "turns": "on"}
         with ThreadPoolExecutor(4) as several:
-            answers = list(several.map(lambda _: asked.post("/run/record", data=form).headers["location"], range(4)))
+            answers = list(several.map(lambda _: session.post("/run/record", data=form).headers["location"], range(4)))
         assert set(answers) == {"/jobs/1"}
-        assert [job["state"] for job in asked.get("/api/jobs").json()["jobs"]] == ["running"]
-        asked.delete("/api/jobs/1")
+        assert [job["state"] for job in session.get("/api/jobs").json()["jobs"]] == ["running"]
+        session.delete("/api/jobs/1")
 
 
 @pytest.mark.slow

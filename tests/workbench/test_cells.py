@@ -96,8 +96,8 @@ def test_a_list_of_cells_has_their_state(tmp_path: Path) -> None:
     found = {one.name: one for one in Shelf(tmp_path, Closed()).projects()}
     assert {name for name, one in found.items() if one.overdue} == {"third", "fourth"}
     assert list(found)[:2] == ["fourth", "third"]
-    with client(tmp_path / "first", shelf=Shelf(tmp_path, Closed())) as asked:
-        text = asked.get("/").text
+    with client(tmp_path / "first", shelf=Shelf(tmp_path, Closed())) as session:
+        text = session.get("/").text
     assert re.search(r"<small class=.warning.>R-1.*AP_p P1", text)
     assert "register: cannot be read" in text
     assert "register: 1 document" in text

@@ -32,31 +32,31 @@ def packed(folder: Path, *, tampered: str = "") -> bytes:
     return held.getvalue()
 
 
-def verified(asked: TestClient, files: Any) -> dict[str, Any]:
+def verified(session: TestClient, files: Any) -> dict[str, Any]:
     """The job that verifies what is dropped, when it has ended."""
-    answer = asked.post("/verify", files=files)
+    answer = session.post("/verify", files=files)
     assert answer.status_code == 303, answer.text
     job = answer.headers["location"].rpartition("/")[2]
-    until(lambda: asked.get(f"/api/jobs/{job}").json()["state"] != "running")
-    return dict(asked.get(f"/api/jobs/{job}").json())
+    until(lambda: session.get(f"/api/jobs/{job}").json()["state"] != "running")
+    return dict(session.get(f"/api/jobs/{job}").json())
 
 
 def test_a_tampered_zip_is_dropped_and_the_file_is_named(tmp_path: Path) -> None:
-    with client(tmp_path) as asked:
-        changed = verified(asked, {"files": ("mine.zip", packed(SEALED, tampered="inputs/run/pass1.csv"))})
-        reported = asked.get("/jobs/1").text.replace("<wbr>", "")
+    with client(tmp_path) as session:
+        changed = verified(session, {"files": ("mine.zip", packed(SEALED, tampered="inputs/run/pass1.csv"))})
+        reported = session.get("/jobs/1").text.replace("<wbr>", "")
         assert changed["state"] == "failed"
         assert "inputs/run/pass1.csv: was changed" in reported
         files = [("files", (f"given/{p.relative_to(SEALED).as_posix()}", p.read_bytes())) for p in sorted(SEALED.rglob("*")) if p.is_file()]
         # a folder is kept as it was dropped, and verified as another of its own (to the end: test_engineers_journey)
-        answer = asked.post("/verify", files=files)
+        answer = session.post("/verify", files=files)
         assert answer.headers["location"] == "/jobs/2", answer.text
-        assert asked.get("/api/jobs/2").json()["line"] == "lmeasure verify verified/2/given"
-        asked.delete("/api/jobs/2")
+        assert session.get("/api/jobs/2").json()["line"] == "lmeasure verify verified/2/given"
+        session.delete("/api/jobs/2")
         for path in SEALED.rglob("*"):
             assert path.is_dir() or (tmp_path / "verified" / "2" / "given" / path.relative_to(SEALED)).read_bytes() == path.read_bytes()
         for names in (("a.txt",), ("given/../../a",), ("given/x", "given/x")):
-            refused = asked.post("/verify", files=[("files", (name, b"x")) for name in names])
+            refused = session.post("/verify", files=[("files", (name, b"x")) for name in names])
             assert refused.status_code == 422, names
         assert not (tmp_path / "verified" / "3").exists()
         assert not (tmp_path / "a").exists()
@@ -81,28 +81,28 @@ def test_lamps_are_the_rows_that_a_certificate_prints_as_not_stated() -> None:
 def test_details_are_typed_previewed_in_both_languages_and_saved(tmp_path: Path) -> None:
     typed = {"laboratory.name": "Measuring & Co", "dates.measured_from": "2026-03-30", "dates.measured_to": "2026-03-31"}
     typed |= {"conditions.temperature_c": "21,5", "item.serial": "42"}
-    with client(tmp_path) as asked:
-        reported = asked.post("/details/preview", data=typed).json()
+    with client(tmp_path) as session:
+        reported = session.post("/details/preview", data=typed).json()
         assert "laboratory" not in reported["missing"]
         assert "customer" in reported["missing"]
         for language, serial in (("en", "serial number"), ("ru", "заводской номер")):
             assert [serial, "42"] in reported["printed"][language][1]
         wrong = typed | {"dates.issued": "2026-01-01", "accreditation.body": "some"}
-        assert len(asked.post("/details/preview", data=wrong).json()["complaints"]) >= 2
-        assert asked.post("/details", data=wrong | {"_file": "details.toml"}).status_code == 422
+        assert len(session.post("/details/preview", data=wrong).json()["complaints"]) >= 2
+        assert session.post("/details", data=wrong | {"_file": "details.toml"}).status_code == 422
         assert not (tmp_path / "details.toml").exists()
-        assert asked.post("/details", data=typed | {"_file": "details.toml"}).status_code == 303
+        assert session.post("/details", data=typed | {"_file": "details.toml"}).status_code == 303
         stated = read_details(tmp_path / "details.toml")
         assert stated.conditions.temperature_c == 21.5
         assert stated.dates.measured_to == "2026-03-31"
-        assert 'value="Measuring &amp; Co"' in asked.get("/details").text
+        assert 'value="Measuring &amp; Co"' in session.get("/details").text
         # what is emptied goes, what the form does not know stays, comments too
         file = tmp_path / "details.toml"
         file.write_text("# mine\nshow_not_stated = true\n" + file.read_text())
-        assert asked.post("/details", data={"item.serial": "43", "_file": "details.toml"}).status_code == 303
+        assert session.post("/details", data={"item.serial": "43", "_file": "details.toml"}).status_code == 303
         assert file.read_text().startswith("# mine\nshow_not_stated = true\n")
         assert read_details(file).stated() == {"schema": "lmeasure.report/1", "show_not_stated": True, "item": {"serial": "43"}}
-        assert asked.get("/details?file=../details.toml").status_code == 404
+        assert session.get("/details?file=../details.toml").status_code == 404
 
 
 def test_figures_over_time_are_those_of_the_certificates(tmp_path: Path) -> None:
@@ -122,14 +122,14 @@ def test_figures_over_time_are_those_of_the_certificates(tmp_path: Path) -> None
     assert accuracy.points[0].x < accuracy.points[1].x
     assert accuracy.points[0].y > accuracy.points[1].y
     assert accuracy.points[0].value == max(c["value"] for c in said["characteristics"] if c["name"] == "AP_p")
-    with client(tmp_path) as asked:
-        page = asked.get("/trend").text
+    with client(tmp_path) as session:
+        page = session.get("/trend").text
         assert page.index("2026-04-01") < page.index("2026-05-01")
         # a value ends where its U95 does
         value, u95 = accuracy.points[0].said.split(" ± ")
         assert len(value.partition(".")[2]) == len(u95.partition(".")[2]) > 0
         assert f"<td>{value}\u00a0±\u00a0{u95}</td>" in page
         assert "AP<sub>p</sub> [" in page
-        russian = asked.get("/trend", headers={"Accept-Language": "ru"}).text
+        russian = session.get("/trend", headers={"Accept-Language": "ru"}).text
         assert f"<td>{value.replace('.', ',')}\u00a0±\u00a0{u95.replace('.', ',')}</td>" in russian
         assert "certificates=first&amp;certificates=later" in page.replace("%2F", "/")

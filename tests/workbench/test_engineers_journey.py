@@ -82,8 +82,8 @@ def walked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, whole: bool) -> N
         assert "done" in reported
         assert "equal to the digit" in reported
         assert [error for error in page.errors if "404" not in error] == []
-    with client(project) as asked:
-        lines = [job["line"] for job in reversed(asked.get("/api/jobs").json()["jobs"])]
+    with client(project) as session:
+        lines = [job["line"] for job in reversed(session.get("/api/jobs").json()["jobs"])]
     assert len(lines) == (8 if whole else 5)
     hand.mkdir()
     monkeypatch.chdir(hand)

@@ -55,23 +55,23 @@ def test_a_form_and_its_command_line_say_the_same(name: str) -> None:
     def holds(data: Any) -> None:
         chosen = data.draw(st.lists(st.sampled_from(options), unique=True, max_size=4))
         chosen += [o for o in options if o.required and o not in chosen]
-        asked = {o.name: data.draw(values_of(o)) for o in chosen}
-        asked = {key: value for key, value in asked.items() if value != "off"}
+        session = {o.name: data.draw(values_of(o)) for o in chosen}
+        session = {key: value for key, value in session.items() if value != "off"}
         # a switch that is on by itself is on where the form has it
-        asked |= {o.name: "on" for o in options if o.kind == "flag" and o.default == "on" and o not in chosen}
-        given_values = forms.filled_in(name, {"_form": ["1"]} | {k: v if isinstance(v, list) else [v] for k, v in asked.items()})
+        session |= {o.name: "on" for o in options if o.kind == "flag" and o.default == "on" and o not in chosen}
+        given_values = forms.filled_in(name, {"_form": ["1"]} | {k: v if isinstance(v, list) else [v] for k, v in session.items()})
         words = command_line(name, model, given_values)
         back = forms.of_words(name, words)
         plain = {o.name: o.default for o in options}
         for option in options:
-            before, after = asked.get(option.name, ""), back.get(option.name, "")
+            before, after = session.get(option.name, ""), back.get(option.name, "")
             assert after == before or (after == "" and before == plain[option.name]), (option.name, words)
         understood = parsed(name, words[1:])
         for option in chosen:
-            if option.kind in ("whole", "number") and option.name in asked and option.name in understood:
-                assert float(understood[option.name]) == float(asked[option.name])
+            if option.kind in ("whole", "number") and option.name in session and option.name in understood:
+                assert float(understood[option.name]) == float(session[option.name])
             elif option.kind in ("text", "path", "choice") and option.name in understood:
-                assert str(understood[option.name]) == asked.get(option.name, understood[option.name])
+                assert str(understood[option.name]) == session.get(option.name, understood[option.name])
 
     holds()
 
@@ -98,13 +98,13 @@ def test_what_is_wrong_stands_at_its_field(tmp_path: Path) -> None:
         ({"rig": "rig.toml", "out": "z.nc", "scheduler": "tcp://elsewhere:1"}, "scheduler"),
     ):
         with pytest.raises(SettingsError) as refused:
-            forms.asked("zone", given_values, tmp_path)
+            forms.command_words("zone", given_values, tmp_path)
         assert refused.value.option == option
         shown = card("zone", look_at(tmp_path), given=given_values, error=refused.value)
         fields = [*shown.first, *(f for _, more in shown.more for f in more)]
         assert [f.option.name for f in fields if f.error] == ([option] if option not in forms.HIDDEN else [])
     with pytest.raises(LMeasureError, match="not run from a page"):
-        forms.asked("view", {"recording": "a.rrd"}, tmp_path)
+        forms.command_words("view", {"recording": "a.rrd"}, tmp_path)
 
 
 def test_what_is_proposed_is_what_the_person_has(tmp_path: Path) -> None:
@@ -130,9 +130,11 @@ def test_what_is_proposed_is_what_the_person_has(tmp_path: Path) -> None:
 
 
 def test_a_line_is_what_a_person_would_type(tmp_path: Path) -> None:
-    words = forms.asked("zone", {"rig": "my rig.toml", "out": "z.nc", "x": "-1:1:1", "tilt_steps": "3", "one_assembly": True}, tmp_path)
+    words = forms.command_words(
+        "zone", {"rig": "my rig.toml", "out": "z.nc", "x": "-1:1:1", "tilt_steps": "3", "one_assembly": True}, tmp_path
+    )
     assert shlex.join(["lmeasure", *words]) == "lmeasure zone 'my rig.toml' --out z.nc --x=-1:1:1 --one-assembly"
-    assert forms.asked("check", {"rig": "r.toml", "bus": "virtual:a", "turns": False}, tmp_path)[-1] == "--no-turns"
+    assert forms.command_words("check", {"rig": "r.toml", "bus": "virtual:a", "turns": False}, tmp_path)[-1] == "--no-turns"
 
 
 def test_pages_have_only_commands_that_there_are() -> None:
@@ -158,21 +160,21 @@ def test_tables_are_found_as_they_are_read(tmp_path: Path) -> None:
 def test_what_is_not_there_or_lacking_is_said_in_the_readers_language(tmp_path: Path, language: str) -> None:
     (tmp_path / "rig.toml").write_text("")
     form = {"_form": "1", "rig": "rig.toml", "out": "planned.csv", "poses": "12"}
-    with client(tmp_path) as asked:
-        asked.headers["Accept-Language"] = language
-        reported = asked.post("/line/plan-poses", data=form).json()
+    with client(tmp_path) as session:
+        session.headers["Accept-Language"] = language
+        reported = session.post("/line/plan-poses", data=form).json()
         assert reported["option"] == "box"
         assert (
             "Укажите, где может двигаться робот"
             if language == "ru"
             else "State the region of the robot: a box, or a calibration to extend."
         ) in reported["error"]
-        refused = asked.post("/run/plan-poses", data=form)
+        refused = session.post("/run/plan-poses", data=form)
         assert refused.status_code == 422
         assert reported["error"] in refused.text
-        assert asked.get("/api/jobs").json()["jobs"] == []
+        assert session.get("/api/jobs").json()["jobs"] == []
         for path in ("/nowhere", "/jobs/99", "/raw/nowhere.csv", "/run/nothing"):
-            answer = asked.get(path)
+            answer = session.get(path)
             assert answer.status_code == 404
             assert "Not Found" not in answer.text
             said = answer.text.split('role="alert">')[1].split("<")[0].replace(path, "").replace("nothing:", "")

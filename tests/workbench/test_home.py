@@ -35,10 +35,10 @@ def test_home_shows_what_the_files_say(tmp_path: Path) -> None:
     register.close()
     limit = '[[limit]]\nsubject = "R7"\nresult = "AP_p P1"\nupper = 1.0\n'
     (tmp_path / "register" / "limits.toml").write_text(f'schema = "lmeasure.limits/1"\n{limit}')
-    with client(tmp_path) as asked:
-        page = asked.get("/").text
+    with client(tmp_path) as session:
+        page = session.get("/").text
         (tmp_path / "zone.nc").write_bytes(b"no zone")
-        broken = asked.get("/").text
+        broken = session.get("/").text
     tiles = {title: (state, value) for state, title, value in re.findall(TILE, page)}
     rows = pq.read_metadata(tmp_path / "cell" / "trajectory.parquet").num_rows
     assert tiles["Last run"][1] == f"{rows} of {rows}"
@@ -80,8 +80,8 @@ def test_a_file_from_a_failed_check_is_no_preset(tmp_path: Path) -> None:
         (own / "end.json").write_text(json.dumps({"state": state, "ended": "", "result": None}))
 
     def preset() -> tuple[str, list[str]]:
-        with client(tmp_path) as asked:
-            page = asked.get("/run/record").text
+        with client(tmp_path) as session:
+            page = session.get("/run/record").text
         value = re.search(r'name="rig" value="([^"]*)"', page)
         offers = re.search(r'<datalist id="record-rig-offers">(.*?)</datalist>', page)
         assert value is not None
@@ -100,8 +100,8 @@ def test_a_file_from_a_failed_check_is_no_preset(tmp_path: Path) -> None:
 
 def test_home_tries_a_robot_that_is_certified_once(tmp_path: Path) -> None:
     """What the pages look at; correcting it and certifying it again would take as long once more."""
-    with client(tmp_path) as asked:
-        form = re.search(r'<form method="post" action="/run/demo">(.*?)</form>', asked.get("/").text)
+    with client(tmp_path) as session:
+        form = re.search(r'<form method="post" action="/run/demo">(.*?)</form>', session.get("/").text)
     assert form is not None
     typed = {name: [value] for name, value in re.findall(r'name="(\w+)" value="(\w+)"', form[1])}
-    assert forms.asked("demo", forms.filled_in("demo", typed), tmp_path) == ["demo", "--out", "cell", "--robot", "--no-correct"]
+    assert forms.command_words("demo", forms.filled_in("demo", typed), tmp_path) == ["demo", "--out", "cell", "--robot", "--no-correct"]

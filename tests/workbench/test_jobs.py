@@ -29,48 +29,48 @@ def test_a_job_leaves_what_the_command_line_leaves(tmp_path: Path, monkeypatch: 
     by_page.mkdir()
     monkeypatch.chdir(by_hand)
     ran("init", ".", "--template", "six-cables")
-    with client(by_page) as asked:
-        answer = asked.post("/run/init", data={"_form": "1", "template": "six-cables", "out": "."})
+    with client(by_page) as session:
+        answer = session.post("/run/init", data={"_form": "1", "template": "six-cables", "out": "."})
         assert answer.headers["location"] == "/jobs/1"
-        until(lambda: asked.get("/api/jobs/1").json()["state"] != "running")
-        job = asked.get("/api/jobs/1").json()
+        until(lambda: session.get("/api/jobs/1").json()["state"] != "running")
+        job = session.get("/api/jobs/1").json()
         assert job["state"] == "done"
         assert job["line"] == "lmeasure init --template six-cables"
-        page = asked.get("/jobs/1").text
+        page = session.get("/jobs/1").text
         assert "/look/rig.toml" in page
         assert "Enter its dimensions" in page
         # once more: it writes over no file, and says so
-        again = asked.post("/api/jobs", json={"command": "init", "settings": {"template": "six-cables"}}).json()["number"]
-        until(lambda: asked.get(f"/api/jobs/{again}").json()["state"] != "running")
-        failed = asked.get(f"/api/jobs/{again}").json()
+        again = session.post("/api/jobs", json={"command": "init", "settings": {"template": "six-cables"}}).json()["number"]
+        until(lambda: session.get(f"/api/jobs/{again}").json()["state"] != "running")
+        failed = session.get(f"/api/jobs/{again}").json()
         assert failed["state"] == "failed"
         assert "rig.toml: exists" in failed["result"]["error"]
-        assert "Enter its dimensions" not in asked.get(f"/jobs/{again}").text
+        assert "Enter its dimensions" not in session.get(f"/jobs/{again}").text
     files = sorted(p.relative_to(by_hand) for p in by_hand.rglob("*") if p.is_file())
     assert len(files) > 5
     for file in files:
         assert (by_page / file).read_bytes() == (by_hand / file).read_bytes(), file
     # another server finds both, as they ended
-    with client(by_page) as asked:
-        assert [job["state"] for job in asked.get("/api/jobs").json()["jobs"]] == ["failed", "done"]
+    with client(by_page) as session:
+        assert [job["state"] for job in session.get("/api/jobs").json()["jobs"]] == ["failed", "done"]
 
 
 def test_what_exists_is_said_on_the_form_before_a_job_begins(tmp_path: Path) -> None:
     (tmp_path / "scenario.toml").write_text("mine")
     asked_for = {"_form": "1", "template": "six-cables"}
-    with client(tmp_path) as asked:
+    with client(tmp_path) as session:
         for named in ({"out": "."}, {}):
-            answer = asked.post("/run/init", data=asked_for | named)
+            answer = session.post("/run/init", data=asked_for | named)
             assert answer.status_code == 422
             (wrong,) = re.findall(r'<div class="field wrong">(.*?)</div>', answer.text, re.DOTALL)
             assert 'type="checkbox" id="init-force"' in wrong
             assert "scenario.toml exists: tick this to replace it, or choose another name." in wrong
             assert answer.text.count("<details open>") == 1, "it is seen"
-        assert asked.get("/api/jobs").json()["jobs"] == []
+        assert session.get("/api/jobs").json()["jobs"] == []
         assert (tmp_path / "scenario.toml").read_text() == "mine"
-        assert asked.post("/run/init", data=asked_for | {"force": "1"}).headers["location"] == "/jobs/1"
-        until(lambda: asked.get("/api/jobs/1").json()["state"] != "running")
-        assert asked.get("/api/jobs/1").json()["state"] == "done"
+        assert session.post("/run/init", data=asked_for | {"force": "1"}).headers["location"] == "/jobs/1"
+        until(lambda: session.get("/api/jobs/1").json()["state"] != "running")
+        assert session.get("/api/jobs/1").json()["state"] == "done"
     assert (tmp_path / "scenario.toml").read_text() != "mine"
 
 
@@ -85,17 +85,17 @@ def test_a_job_that_finds_no_room_is_said_on_its_form(tmp_path: Path, monkeypatc
         usual(path, content)
 
     monkeypatch.setattr(jobs, "_write", full)
-    with client(tmp_path) as asked:
+    with client(tmp_path) as session:
         most[:] = ["asked.json"]
-        answer = asked.post("/run/init", data={"_form": "1", "template": "six-cables", "out": "."})
+        answer = session.post("/run/init", data={"_form": "1", "template": "six-cables", "out": "."})
         assert answer.status_code == 422
         assert "No space left on device; make room there" in unescape(answer.text)
         listing = {"command": "init", "settings": {"list": True}}
-        assert "make room there" in asked.post("/api/jobs", json=listing).json()["error"]
+        assert "make room there" in session.post("/api/jobs", json=listing).json()["error"]
         assert list((tmp_path / ".workbench" / "jobs").iterdir()) == []
         most[:] = ["end.json"]
-        assert asked.post("/api/jobs", json=listing).json()["number"] == 1
-        assert '"event": "end", "state": "done"' in asked.get("/jobs/1/events").text
+        assert session.post("/api/jobs", json=listing).json()["number"] == 1
+        assert '"event": "end", "state": "done"' in session.get("/jobs/1/events").text
 
 
 def test_a_recording_outlives_the_server(tmp_path: Path) -> None:
@@ -125,19 +125,21 @@ def test_a_recording_outlives_the_server(tmp_path: Path) -> None:
             until(lambda: 'ended = "complete"' in (tmp_path / "run" / "run.toml").read_text())
     kept = read_counts(tmp_path / "run" / "pass1.csv")
     assert len(kept.time_s) >= 50
-    with client(tmp_path) as asked:
-        assert asked.get("/api/jobs/1").json()["state"] == "interrupted"
-        page = asked.get("/jobs/1").text
+    with client(tmp_path) as session:
+        assert session.get("/api/jobs/1").json()["state"] == "interrupted"
+        page = session.get("/jobs/1").text
         assert "interrupted" in page
-        assert asked.get("/look/run").status_code == 200
-        assert "No run has a start pose. State it on the run's page. Every further step needs it." in unescape(asked.get("/robot").text)
+        assert session.get("/look/run").status_code == 200
+        assert "No run has a start pose. State it on the run's page. Every further step needs it." in unescape(session.get("/robot").text)
         # stated by the page, it may be certified once there is a trajectory
-        assert asked.post("/start/run", data={"start": "1,2"}).status_code == 422
-        assert asked.post("/start/run", data={"start": "/etc/passwd"}).status_code == 422
-        assert asked.post("/start/run", data={"start": "0,0,0,0,-90,90"}).status_code == 303
+        assert session.post("/start/run", data={"start": "1,2"}).status_code == 422
+        assert session.post("/start/run", data={"start": "/etc/passwd"}).status_code == 422
+        assert session.post("/start/run", data={"start": "0,0,0,0,-90,90"}).status_code == 303
         # as it may be typed again
-        assert "<code>0, 0, 0, 0, 0, 0, 1</code>" in asked.get("/start/run").text
-        assert "No run has a start pose. State it on the run's page. Every further step needs it." not in unescape(asked.get("/robot").text)
+        assert "<code>0, 0, 0, 0, 0, 0, 1</code>" in session.get("/start/run").text
+        assert "No run has a start pose. State it on the run's page. Every further step needs it." not in unescape(
+            session.get("/robot").text
+        )
 
 
 @pytest.mark.slow
@@ -161,12 +163,12 @@ def test_a_capture_outlives_the_server_and_goes_on(tmp_path: Path) -> None:
         kill_server(tmp_path / ".workbench" / "address")
         until(lambda: not Path(f"/proc/{process}/cmdline").exists() or not Path(f"/proc/{process}/cmdline").read_bytes())
         kept = counts.read_bytes()
-        with client(tmp_path) as asked:
-            assert asked.get("/api/jobs/1").json()["state"] == "interrupted"
-            assert asked.post("/api/jobs", json={"command": "capture", "settings": settings}).json()["number"] == 2
-            until(lambda: "readings" in asked.get("/jobs/2/last").json()["last"].get("capture", {}))
-            assert [one["pose"] for one in asked.get("/jobs/2/last").json()["last"]["capture"]["readings"]] == ["1"]
-            asked.delete("/api/jobs/2")
+        with client(tmp_path) as session:
+            assert session.get("/api/jobs/1").json()["state"] == "interrupted"
+            assert session.post("/api/jobs", json={"command": "capture", "settings": settings}).json()["number"] == 2
+            until(lambda: "readings" in session.get("/jobs/2/last").json()["last"].get("capture", {}))
+            assert [one["pose"] for one in session.get("/jobs/2/last").json()["last"]["capture"]["readings"]] == ["1"]
+            session.delete("/api/jobs/2")
         assert counts.read_bytes() == kept
 
 
@@ -194,20 +196,20 @@ def test_a_certificate_is_whole_or_not_there_when_the_server_is_killed(tmp_path:
         until(lambda: not Path(f"/proc/{process}/cmdline").exists() or not Path(f"/proc/{process}/cmdline").read_bytes(), 300.0)
     left = [path for path in tmp_path.rglob("*") if not {".workbench", "measured"} & set(path.parts) and path.name != "certificates"]
     assert left == []
-    with client(tmp_path) as asked:
-        page = asked.get("/jobs/1").text
-        assert asked.get("/api/jobs/1").json()["state"] == "interrupted"
+    with client(tmp_path) as session:
+        page = session.get("/jobs/1").text
+        assert session.get("/api/jobs/1").json()["state"] == "interrupted"
         assert "interrupted" in page
         again = unescape(re.search(r'href="(/run/certify\?[^"]+)"', page)[1])  # type: ignore[index]
         form = dict(parse_qsl(urlsplit(again).query))
-        assert asked.post("/line/certify", data=form).json() == {"line": asked.get("/api/jobs/1").json()["line"], "error": None}
-        assert asked.get(again).status_code == 200
+        assert session.post("/line/certify", data=form).json() == {"line": session.get("/api/jobs/1").json()["line"], "error": None}
+        assert session.get(again).status_code == 200
 
 
 def test_a_long_job_is_ended_by_its_button(tmp_path: Path) -> None:
-    with client(tmp_path) as asked:
-        asked.post("/api/jobs", json={"command": "demo", "settings": {"out": "cell"}})
-        until(lambda: "progress" in asked.get("/api/jobs/1").json()["last"] or asked.get("/api/jobs/1").json()["said"])
-        assert asked.delete("/api/jobs/1").status_code == 200
-        until(lambda: asked.get("/api/jobs/1").json()["state"] == "cancelled")
+    with client(tmp_path) as session:
+        session.post("/api/jobs", json={"command": "demo", "settings": {"out": "cell"}})
+        until(lambda: "progress" in session.get("/api/jobs/1").json()["last"] or session.get("/api/jobs/1").json()["said"])
+        assert session.delete("/api/jobs/1").status_code == 200
+        until(lambda: session.get("/api/jobs/1").json()["state"] == "cancelled")
         assert not list((tmp_path / "cell").rglob("*.part"))

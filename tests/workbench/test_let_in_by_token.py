@@ -45,7 +45,7 @@ def project(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def asked(project: Path) -> Iterator[TestClient]:
+def visitor(project: Path) -> Iterator[TestClient]:
     with client(project) as one:
         yield one
 
@@ -107,18 +107,18 @@ def test_a_session_is_two_secrets_and_neither_is_worth_anything_alone(project: P
 
 
 def test_other_names_and_other_pages_are_refused_on_every_route(project: Path) -> None:
-    with session(project) as asked:
+    with session(project) as visitor:
         for method, path in addresses():
             for host in ("evil.example", "127.0.0.1:1", f"localhost:{PORT}"):
-                assert asked.request(method, path, headers={"Host": host}).status_code == 403, path
+                assert visitor.request(method, path, headers={"Host": host}).status_code == 403, path
             for origin in ("http://evil.example", "null", "http://127.0.0.1:1", f"https://{HOST}"):
-                assert asked.request(method, path, headers={"Origin": origin}).status_code == 403, (path, origin)
+                assert visitor.request(method, path, headers={"Origin": origin}).status_code == 403, (path, origin)
             if method not in ("GET", "HEAD"):
-                del asked.headers["Origin"]
-                assert asked.request(method, path).status_code == 403, path
-                asked.headers["Origin"] = ORIGIN
+                del visitor.headers["Origin"]
+                assert visitor.request(method, path).status_code == 403, path
+                visitor.headers["Origin"] = ORIGIN
             for site in ("cross-site", "same-site"):
-                assert asked.request(method, path, headers={"Sec-Fetch-Site": site}).status_code == 403, (path, site)
+                assert visitor.request(method, path, headers={"Sec-Fetch-Site": site}).status_code == 403, (path, site)
 
 
 def test_the_live_stream_is_guarded_as_the_pages_are(project: Path) -> None:
@@ -200,19 +200,19 @@ def test_what_a_report_reads_of_its_address_lets_nobody_in(project: Path) -> Non
         assert one.get(shown).status_code == 404
 
 
-def test_every_answer_forbids_scripts_and_frames_of_others(asked: TestClient, project: Path) -> None:
+def test_every_answer_forbids_scripts_and_frames_of_others(visitor: TestClient, project: Path) -> None:
     (project / "report.html").write_text("<script>fetch('/')</script>")
-    asked.app.router.routes.insert(0, Route("/fault", lambda request: 1 / 0))  # type: ignore[attr-defined]
+    visitor.app.router.routes.insert(0, Route("/fault", lambda request: 1 / 0))  # type: ignore[attr-defined]
     for path in ("/", "/rig", "/commands", "/api", "/static/workbench.css", "/nowhere", "/fault", "/?code=none"):
-        answer = asked.get(path)
+        answer = visitor.get(path)
         assert answer.status_code == (500 if path == "/fault" else 404 if path == "/nowhere" else 200)
         policy = answer.headers["content-security-policy"]
         assert "default-src 'none'" in policy
         assert "unsafe" not in policy
         assert {"x-content-type-options", "referrer-policy", "cross-origin-opener-policy", "cache-control"} <= {*answer.headers}
         assert "half-written" not in answer.text  # nobody knows
-    shown = re.search(r'src="(/shown/[^"]+)"', asked.get("/look/report.html").text)[1]  # type: ignore[index]
-    own = asked.get(shown).headers["content-security-policy"]
+    shown = re.search(r'src="(/shown/[^"]+)"', visitor.get("/look/report.html").text)[1]  # type: ignore[index]
+    own = visitor.get(shown).headers["content-security-policy"]
     assert own.startswith("sandbox allow-scripts")
     assert "allow-same-origin" not in own
     assert "connect-src" not in own  # so that default-src holds: nothing can be asked
@@ -220,13 +220,13 @@ def test_every_answer_forbids_scripts_and_frames_of_others(asked: TestClient, pr
 
 def test_every_name_that_pages_ask_for_is_walked() -> None:
     source = "".join(path.read_text(encoding="utf-8") for path in Path(workbench.__file__).parent.glob("*.py"))
-    asked = set(re.findall(r"""query_params\.get(?:list)?\("(\w+)\"""", source))
-    asked |= set(re.findall(r"""form\.get\("(\w+)\"""", source))
-    assert asked - {"token", "saved", "begin", "end", "line", "language", "_digest"} <= {*NAMED}
+    visitor = set(re.findall(r"""query_params\.get(?:list)?\("(\w+)\"""", source))
+    visitor |= set(re.findall(r"""form\.get\("(\w+)\"""", source))
+    assert visitor - {"token", "saved", "begin", "end", "line", "language", "_digest"} <= {*NAMED}
 
 
 @pytest.mark.parametrize("path", AWAY)
-def test_no_path_leads_out_of_the_project_on_any_route(asked: TestClient, project: Path, path: str) -> None:
+def test_no_path_leads_out_of_the_project_on_any_route(visitor: TestClient, project: Path, path: str) -> None:
     """In the address itself, in every parameter, in every field of a form, where a % is a letter as others are."""
     before = sorted(project.parent.rglob("*"))
     for route in (route for route in EVERY if isinstance(route, Route)):
@@ -235,7 +235,7 @@ def test_no_path_leads_out_of_the_project_on_any_route(asked: TestClient, projec
             fields = {} if "%" in path else dict.fromkeys(NAMED, path)
             within = "{path:path}" in route.path
             body = fields if method == "POST" else None
-            answer = asked.request(method, there.replace("{path:path}", path), params=None if within else fields, data=body)
+            answer = visitor.request(method, there.replace("{path:path}", path), params=None if within else fields, data=body)
             assert SECRET not in answer.text, (method, there)
             assert answer.status_code < 500, (method, there, answer.text)
             assert "secret" not in answer.headers.get("location", ""), (method, there)
@@ -265,17 +265,17 @@ def test_no_project_lies_outside_the_folder_of_projects(project: Path, name: str
     (root / "here").mkdir(parents=True)
     (root / "linked").symlink_to(project.parent)
     before = sorted(project.parent.rglob("*"))
-    with client(root / "here", shelf=Shelf(root, NoDesk())) as asked:
-        answer = asked.post("/projects", data={"name": name})
+    with client(root / "here", shelf=Shelf(root, NoDesk())) as visitor:
+        answer = visitor.post("/projects", data={"name": name})
         assert answer.status_code == 422
         assert 'role="alert"' in answer.text
         if name.strip("./ ") and "\n" not in name:
-            assert asked.get(f"/projects/{name}").status_code == 404
-        assert asked.get("/").text.count("secret") == 0
-        assert "/projects/linked" not in asked.get("/").text
-    with client(root / "here") as asked:
-        assert asked.post("/projects", data={"name": "other"}).status_code == 404
-        assert asked.get("/projects/here").status_code == 404
+            assert visitor.get(f"/projects/{name}").status_code == 404
+        assert visitor.get("/").text.count("secret") == 0
+        assert "/projects/linked" not in visitor.get("/").text
+    with client(root / "here") as visitor:
+        assert visitor.post("/projects", data={"name": "other"}).status_code == 404
+        assert visitor.get("/projects/here").status_code == 404
     assert sorted(p for p in project.parent.rglob("*") if ".workbench" not in p.parts) == [p for p in before if ".workbench" not in p.parts]
 
 
@@ -290,29 +290,29 @@ def test_no_file_of_any_command_lies_outside(project: Path, away: str) -> None:
             for text in (away,) if option.kind == "path" else (away, f"replay:{away}", f"x={away}"):
                 walked += 1
                 with pytest.raises(SettingsError) as refused:
-                    forms.asked(command, {option.name: [text] if option.kind == "list" else text}, project)
+                    forms.command_words(command, {option.name: [text] if option.kind == "list" else text}, project)
                 assert refused.value.option == option.name, (command, option.name, text)
     assert walked > 300
 
 
-def test_what_leads_outside_begins_no_job(asked: TestClient, project: Path) -> None:
+def test_what_leads_outside_begins_no_job(visitor: TestClient, project: Path) -> None:
     for away in ("../secret.txt", "link.txt"):
-        reported = asked.post("/line/zone", data={"rig": away, "_form": "1"}).json()
+        reported = visitor.post("/line/zone", data={"rig": away, "_form": "1"}).json()
         assert reported["option"] == "rig", reported
-        assert asked.post("/run/zone", data={"rig": away, "_form": "1"}).status_code == 422
-        assert asked.post("/api/jobs", json={"command": "zone", "settings": {"rig": away}}).status_code == 422
+        assert visitor.post("/run/zone", data={"rig": away, "_form": "1"}).status_code == 422
+        assert visitor.post("/api/jobs", json={"command": "zone", "settings": {"rig": away}}).status_code == 422
     assert not list((project / ".workbench").glob("jobs/*"))
 
 
 @pytest.mark.parametrize("bus", ["replay:../secret.txt", "replay:/etc/passwd", "replay:link.txt"])
-def test_a_bus_reads_no_file_outside(asked: TestClient, bus: str) -> None:
-    reported = asked.post("/line/record", data={"rig": "rig.toml", "out": "run", "bus": bus}).json()
+def test_a_bus_reads_no_file_outside(visitor: TestClient, bus: str) -> None:
+    reported = visitor.post("/line/record", data={"rig": "rig.toml", "out": "run", "bus": bus}).json()
     assert reported["option"] == "bus", reported
 
 
-def test_what_is_brought_in_stays_in_its_folder_and_writes_over_nothing(asked: TestClient, project: Path) -> None:
+def test_what_is_brought_in_stays_in_its_folder_and_writes_over_nothing(visitor: TestClient, project: Path) -> None:
     def bring(name: str, content: bytes = b"x", folder: str = "in") -> int:
-        return asked.post("/upload", data={"folder": folder}, files={"files": (name, content)}).status_code
+        return visitor.post("/upload", data={"folder": folder}, files={"files": (name, content)}).status_code
 
     assert bring("drive.log") == 303
     assert (project / "in" / "drive.log").read_bytes() == b"x"
@@ -329,7 +329,7 @@ def test_what_is_brought_in_stays_in_its_folder_and_writes_over_nothing(asked: T
         with zipfile.ZipFile(packed, "w") as held:
             held.writestr(entry, "x")
         assert bring("bad.zip", packed.getvalue()) == 422, entry
-        assert asked.post("/verify", files={"files": ("bad.zip", packed.getvalue())}).status_code == 422
+        assert visitor.post("/verify", files={"files": ("bad.zip", packed.getvalue())}).status_code == 422
     assert bring("no.zip", b"not a zip") == 422
     assert not list(project.parent.rglob("evil*"))
     assert not (project / "in" / "bad.zip").exists()

@@ -22,8 +22,8 @@ def walked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, way: Job, commands: 
         mechanic(page, lambda what, shown: wrong.extend(f"{what}: {text}" for text in looked(shown)), way)
         assert wrong == []
         assert {request.split("/")[2] for request in page.requests if request.startswith("http")} == {address.split("/")[2]}
-    with client(project) as asked:
-        jobs = list(reversed(asked.get("/api/jobs").json()["jobs"]))
+    with client(project) as session:
+        jobs = list(reversed(session.get("/api/jobs").json()["jobs"]))
     assert tuple(job["command"] for job in jobs) == commands
     hand.mkdir()
     monkeypatch.chdir(hand)

@@ -32,10 +32,10 @@ def test_what_was_typed_outlives_a_reload_and_the_button_back(tmp_path: Path) ->
 def test_of_two_tabs_the_second_does_not_write_over_the_first(tmp_path: Path) -> None:
     write_rig(tmp_path / "rig.toml", cell_rig(0))
     _, digest = rig_form.read(tmp_path / "rig.toml")
-    with client(tmp_path) as asked:
+    with client(tmp_path) as session:
         first = {"_file": "rig.toml", "_digest": digest, "observation_point.0.position_mm.0": "111"}
-        assert asked.post("/rig", data=first).status_code == 303
-        second = asked.post("/rig", data=first | {"observation_point.0.position_mm.0": "222"})
+        assert session.post("/rig", data=first).status_code == 303
+        second = session.post("/rig", data=first | {"observation_point.0.position_mm.0": "222"})
         assert second.status_code == 422
         assert "has been changed by another program" in second.text
         assert 'value="222"' in second.text

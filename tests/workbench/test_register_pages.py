@@ -33,13 +33,13 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_register_has_a_page_for_each_question(project: Path) -> None:
-    with bench.client(project) as asked:
-        first = asked.get("/register")
-        assert '<a href="/register"' in asked.get("/").text
+    with bench.client(project) as session:
+        first = session.get("/register")
+        assert '<a href="/register"' in session.get("/").text
         assert first.status_code == 200
         assert "<script>alert" not in first.text
         assert first.text.count("/register/charts?") == 2
-        charts = asked.get(
+        charts = session.get(
             "/register/charts", params={"folder": "register", "subject": HOSTILE, "kind": "certificate", "result": "AP_p P1"}
         )
         assert charts.status_code == 200
@@ -47,21 +47,21 @@ def test_a_register_has_a_page_for_each_question(project: Path) -> None:
         assert charts.text.count("<tr>") == 16
         # 0.6 after 14 values of 0.5 with a scatter of 0.01
         assert "Shewhart: signals" in " ".join(charts.text.split())
-        assert "beyond its limits" in asked.get("/register/due").text
-        recall = asked.get("/register/recall")
+        assert "beyond its limits" in session.get("/register/due").text
+        recall = session.get("/register/recall")
         assert "cal/calibration.json" in recall.text
-        assert asked.get("/register/recall", params={"folder": "register", "digest": "c" * 64}).text.count("c/") >= 15
-        assert asked.get("/register/charts", params={"subject": HOSTILE, "kind": "certificate"}).text.count("AP_p P1") == 1
+        assert session.get("/register/recall", params={"folder": "register", "digest": "c" * 64}).text.count("c/") >= 15
+        assert session.get("/register/charts", params={"subject": HOSTILE, "kind": "certificate"}).text.count("AP_p P1") == 1
 
 
 def test_where_there_is_no_register_a_page_says_how_to_begin_one(project: Path, tmp_path: Path) -> None:
-    with bench.client(tmp_path) as asked:
-        answer = asked.get("/register")
+    with bench.client(tmp_path) as session:
+        answer = session.get("/register")
         assert answer.status_code == 200
         assert "--add" in answer.text
         assert "/run/register?register_dir=register" in answer.text
-        assert asked.get("/run/register?register_dir=register").status_code == 200
-        assert asked.get("/register/due").status_code != 200
+        assert session.get("/run/register?register_dir=register").status_code == 200
+        assert session.get("/register/due").status_code != 200
         assert not (tmp_path / "register").exists()
-    with bench.client(project) as asked:
-        assert asked.get("/register", params={"folder": "../elsewhere"}).status_code in (403, 404, 422)
+    with bench.client(project) as session:
+        assert session.get("/register", params={"folder": "../elsewhere"}).status_code in (403, 404, 422)

@@ -94,15 +94,15 @@ def test_a_file_that_somebody_changed_meanwhile_is_not_written_over(path: Path) 
 
 
 def test_the_page_saves_and_shows_again_what_was_typed(path: Path) -> None:
-    with client(path.parent) as asked:
-        page = asked.get("/rig?file=rig.toml").text
+    with client(path.parent) as session:
+        page = session.get("/rig?file=rig.toml").text
         assert 'data-arrow="R"' in page
         assert "<style" not in page
         form = typed(path, observation_point__0__position_mm__0="12.5") | {"_file": "rig.toml"}
-        assert asked.post("/rig", data=form).status_code == 303
+        assert session.post("/rig", data=form).status_code == 303
         assert read_rig(path).observation_point[0].position_mm[0] == 12.5
         wrong = typed(path, observation_point__0__pulley_radius_mm="-3") | {"_file": "rig.toml"}
-        answer = asked.post("/rig", data=wrong, headers={"accept-language": "ru"})
+        answer = session.post("/rig", data=wrong, headers={"accept-language": "ru"})
         assert answer.status_code == 422
         beside = answer.text.partition('name="observation_point.0.pulley_radius_mm"')[2].partition("</div>")[0]
         assert "должно быть не меньше 0" in beside
@@ -137,12 +137,12 @@ def test_a_rig_that_has_no_zone_is_told_so_and_a_wrong_request_is_one(tmp_path: 
     rig = cell_rig(0)
     write_rig(tmp_path / "rig.toml", rig.model_copy(update={"cable": rig.cable[:2]}))
     places = {p.name: list(p.position_mm) for p in rig.observation_point}
-    with client(tmp_path) as asked:
-        reported = asked.post("/coarse", json={"file": "rig.toml", "points": places})
+    with client(tmp_path) as session:
+        reported = session.post("/coarse", json={"file": "rig.toml", "points": places})
         assert reported.status_code == 200
         assert "has 2 cables" in reported.json()["error"]
         for wrong in ({"file": "rig.toml"}, {"file": "../rig.toml", "points": places}, {"file": "rig.toml", "points": {"B1": ["a", 0, 0]}}):
-            assert asked.post("/coarse", json=wrong).status_code == 422
+            assert session.post("/coarse", json=wrong).status_code == 422
 
 
 def test_while_kernels_are_compiled_the_coarse_zone_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,11 +150,11 @@ def test_while_kernels_are_compiled_the_coarse_zone_says_so(tmp_path: Path, monk
     write_rig(tmp_path / "rig.toml", cell_rig(0))
     done, coarse = threading.Event(), rig_form.coarse
 
-    def cold(*asked: Any) -> dict[str, float]:
+    def cold(*session: Any) -> dict[str, float]:
         compilation.start("worst_angle")
         assert done.wait(300.0)
         compilation.end("worst_angle")
-        return coarse(*asked)
+        return coarse(*session)
 
     monkeypatch.setattr(compilation, "names", [])
     monkeypatch.setattr(rig_form, "coarse", cold)
@@ -185,11 +185,11 @@ def test_a_server_that_ends_while_a_zone_is_computed_prints_nothing(
     with served(tmp_path) as address:
         origin = address.partition("/?")[0]
         headers = {"Authorization": f"Bearer {token(tmp_path)}", "Origin": origin}
-        asked = urllib.request.Request(f"{origin}/coarse", b'{"file": "rig.toml", "points": {}}', headers)
+        session = urllib.request.Request(f"{origin}/coarse", b'{"file": "rig.toml", "points": {}}', headers)
 
         def ask() -> None:
             with contextlib.suppress(OSError):
-                urllib.request.urlopen(asked)
+                urllib.request.urlopen(session)
 
         waiting = threading.Thread(target=ask)
         waiting.start()
@@ -203,21 +203,21 @@ def test_drums_and_the_task_of_a_placement_have_forms_too(tmp_path: Path) -> Non
     """With the command that takes them below; what would be none of them is not written."""
     init = load("init")
     init.run(init.settings.model_validate({"out": tmp_path, "template": "six-cables"}))
-    with client(tmp_path) as asked:
+    with client(tmp_path) as session:
         for name, key, text, wrong, command in (
             ("drums.toml", "drum.1.centre_distance_mm", "181.5", "-3", "drum"),
             ("placement.toml", "mount.0.low_mm.2", "1700.5", "1e9", "place"),
         ):
-            page = asked.get(f"/rig?file={name}").text
+            page = session.get(f"/rig?file={name}").text
             assert f'name="{key}"' in page
             assert f'data-command="{command}"' in page
             assert 'id="scene"' not in page
             lines = (tmp_path / name).read_text().splitlines()
             form = typed(tmp_path / name) | {"_file": name}
-            refused = asked.post("/rig", data=form | {key: wrong})
+            refused = session.post("/rig", data=form | {key: wrong})
             assert refused.status_code == 422, name
             assert (tmp_path / name).read_text().splitlines() == lines
-            assert asked.post("/rig", data=form | {key: text}).status_code == 303
+            assert session.post("/rig", data=form | {key: text}).status_code == 303
             after = (tmp_path / name).read_text().splitlines()
             (changed,) = (b for a, b in zip(lines, after, strict=True) if a != b)
             assert text in changed

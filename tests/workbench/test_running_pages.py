@@ -84,8 +84,8 @@ def test_a_recording_tells_in_the_words_of_who_reads(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize("command", ["capture", "check", "zone", "certify", "record"])
 def test_a_job_is_done_again_as_it_was(command: str, tmp_path: Path) -> None:
     """Of a choice that was left as it is by default the form shows that, not the first of its words."""
-    with client(tmp_path) as asked:
-        page = asked.get(f"/run/{command}?_form=1").text
+    with client(tmp_path) as session:
+        page = session.get(f"/run/{command}?_form=1").text
     for option in (o for o in options_of(load(command).settings) if o.kind == "choice" and o.default):
         assert f"<option selected>{option.default}</option>" in page
 
@@ -98,8 +98,8 @@ def test_nothing_comes_after_what_was_ended_before_it_wrote(tmp_path: Path) -> N
         asked_of = {"number": number, "command": command, "words": words, "begun": "2026-01-01T00:00:00+00:00"}
         (folder / "asked.json").write_text(json.dumps(asked_of))
         (folder / "end.json").write_text(json.dumps({"state": state, "ended": "", "code": 0, "result": None}))
-    with client(tmp_path) as asked:
-        pages = [asked.get(f"/jobs/{number}").text.split('class="after"')[1].split("</p>")[0] for number in (1, 2, 3)]
+    with client(tmp_path) as session:
+        pages = [session.get(f"/jobs/{number}").text.split('class="after"')[1].split("</p>")[0] for number in (1, 2, 3)]
     assert [page.count("href") > 1 for page in pages] == [False, True, True]
 
 
@@ -109,25 +109,25 @@ def test_a_file_that_cannot_be_read_is_there(tmp_path: Path) -> None:
     (tmp_path / "moved.parquet").write_bytes(b"PAR1")
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "run.toml").write_text('schema = "lmeasure.run/1"\n')
-    with client(tmp_path) as asked:
+    with client(tmp_path) as session:
         for path in ("/trajectory/moved.parquet", "/start/run"):
-            answer = asked.get(path)
+            answer = session.get(path)
             assert answer.status_code == 422
             assert "Cannot be read" in answer.text
             assert f"{tmp_path}/" not in answer.text
-        assert "Cannot be read" not in asked.get("/start/nowhere").text
-        runs = asked.get("/runs").text
+        assert "Cannot be read" not in session.get("/start/nowhere").text
+        runs = session.get("/runs").text
         assert "run/run.toml" in runs
         assert f"{tmp_path}/run" not in runs
         assert "/start/run" not in runs
-        assert "cannot be used" not in asked.get("/rig").text
+        assert "cannot be used" not in session.get("/rig").text
         text = (tmp_path / "rig.toml").read_text()
         (tmp_path / "rig.toml").write_text(text.replace("position_mm", "position_mn", 1))
-        page = asked.get("/rig")
+        page = session.get("/rig")
         assert page.status_code == 200
         assert "This file cannot be used:" in page.text
         assert "Did you mean" in page.text
-        assert "Did you mean" in asked.get("/scene?file=rig.toml").json()["error"]
+        assert "Did you mean" in session.get("/scene?file=rig.toml").json()["error"]
 
 
 def shown_again(page: Page, what: str) -> None:

@@ -48,18 +48,18 @@ def test_without_its_start_a_run_is_not_certified_and_the_page_says_why(project:
     startless(folder, project)
     (folder / "program.toml").write_text('schema = "lmeasure.program/1"\n')
     form = {"_form": "1", "trajectory": "trajectory.parquet", "run": "run", "program": "program.toml", "out": "certificate"}
-    with client(folder) as asked:
-        assert 'data-start="missing"' in asked.get("/runs").text
-        reported = asked.post("/line/certify", data=form).json()
+    with client(folder) as session:
+        assert 'data-start="missing"' in session.get("/runs").text
+        reported = session.post("/line/certify", data=form).json()
         assert "start pose of this run is not stated" in reported["hindered"]
         assert reported["mend"] == "/start/run"
-        refused = asked.post("/run/certify", data=form)
+        refused = session.post("/run/certify", data=form)
         assert refused.status_code == 422
         assert "start pose of this run is not stated" in refused.text
-        assert asked.get("/api/jobs").json()["jobs"] == []
-        assert asked.post("/start/run", data={"start": "0,0,0,0,-90,90"}).status_code == 303
-        assert "hindered" not in asked.post("/line/certify", data=form).json()
-        assert 'data-start="stated"' in asked.get("/runs").text
+        assert session.get("/api/jobs").json()["jobs"] == []
+        assert session.post("/start/run", data={"start": "0,0,0,0,-90,90"}).status_code == 303
+        assert "hindered" not in session.post("/line/certify", data=form).json()
+        assert 'data-start="stated"' in session.get("/runs").text
 
 
 def test_series_are_those_of_the_file_with_their_extremes(project: Path) -> None:
@@ -79,29 +79,29 @@ def test_series_are_those_of_the_file_with_their_extremes(project: Path) -> None
 
 
 def test_a_span_is_saved_as_the_file_has_it(project: Path, tmp_path: Path) -> None:
-    with client(project) as asked:
-        answer = asked.get("/export/trajectory.parquet?begin=1&end=2")
+    with client(project) as session:
+        answer = session.get("/export/trajectory.parquet?begin=1&end=2")
         assert "attachment" in answer.headers["content-disposition"]
         (tmp_path / "span.csv").write_text(answer.text)
-        assert asked.get("/along/trajectory.parquet?begin=x").status_code == 422
-        assert asked.get("/along/run/run.toml").status_code == 422
-        assert asked.get("/trajectory/run/rig.toml").status_code == 422
+        assert session.get("/along/trajectory.parquet?begin=x").status_code == 422
+        assert session.get("/along/run/run.toml").status_code == 422
+        assert session.get("/trajectory/run/rig.toml").status_code == 422
     whole, part = read_trajectory(project / "trajectory.parquet"), read_trajectory(tmp_path / "span.csv")
     own = (whole.time_s >= 1.0) & (whole.time_s <= 2.0)
     np.testing.assert_allclose(part.poses, whole.poses[own], rtol=0, atol=1e-12)
 
 
 def test_the_viewer_alone_may_run_its_machine_code_and_reads_the_project_alone(project: Path) -> None:
-    with client(project) as asked:
-        answer = asked.get("/viewer/")
+    with client(project) as session:
+        answer = session.get("/viewer/")
         policy = answer.headers["content-security-policy"]
         assert "'wasm-unsafe-eval'" in policy
         assert "connect-src http://127.0.0.1:8123/raw/ http://127.0.0.1:8123/viewer/ data: blob:" in policy
         assert 'href="https://' not in answer.text
-        assert asked.get("/viewer/re_viewer.js").headers["content-type"].startswith("text/javascript")
-        assert asked.get("/viewer/..%2frun.toml").status_code == 404
+        assert session.get("/viewer/re_viewer.js").headers["content-type"].startswith("text/javascript")
+        assert session.get("/viewer/..%2frun.toml").status_code == 404
         for path in ("/", "/runs", "/trajectory/trajectory.parquet"):
-            assert "wasm" not in asked.get(path).headers["content-security-policy"]
+            assert "wasm" not in session.get(path).headers["content-security-policy"]
 
 
 def test_the_slider_moves_all_figures_and_a_gap_is_jumped_to(project: Path, tmp_path: Path) -> None:
@@ -127,10 +127,10 @@ def test_the_slider_moves_all_figures_and_a_gap_is_jumped_to(project: Path, tmp_
 def test_logs_that_are_dropped_stand_in_the_form_of_import(project: Path, tmp_path: Path) -> None:
     log = tmp_path / "drive.log"
     log.write_text("(1.0) can0 123#00\n")
-    with client(tmp_path / "project") as asked:
+    with client(tmp_path / "project") as session:
         with log.open("rb") as file:
-            answer = asked.post("/upload", data={"folder": "logs", "then": "import"}, files={"files": ("drive.log", file)})
+            answer = session.post("/upload", data={"folder": "logs", "then": "import"}, files={"files": ("drive.log", file)})
         assert answer.headers["location"] == "/run/import?logs=logs%2Fdrive.log"
-        page = asked.get(answer.headers["location"]).text
+        page = session.get(answer.headers["location"]).text
     assert ">logs/drive.log</textarea>" in page
     assert 'value="runs/run"' in page

@@ -26,12 +26,12 @@ def test_the_volume_of_the_u95_slider_is_that_of_the_command(tmp_path: Path, mon
     monkeypatch.chdir(tmp_path)
     write_rig(tmp_path / "rig.toml", cell_rig(0))
     zone("--out", "zones/zone.nc", "--report", "zones/page")
-    with client(tmp_path) as asked:
-        page = asked.get("/zone").text
+    with client(tmp_path) as session:
+        page = session.get("/zone").text
         address = re.search(r'src="(/shown/\w+/zones/page/zone.html)#sliders"', page)
         assert address is not None
         assert "/run/program?zone=zones/zone.nc" in page
-        shown = asked.get(address[1])
+        shown = session.get(address[1])
     assert "sandbox" in shown.headers["content-security-policy"]
     with opened(tmp_path / "zones" / "page" / "zone.html") as browser:
         browser.wait("document.getElementById('left').textContent !== ''")

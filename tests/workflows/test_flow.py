@@ -46,7 +46,7 @@ class Watch:
             raise CancelledError
 
 
-def asked(command: str, cell: Path, out: Path) -> Any:
+def requested(command: str, cell: Path, out: Path) -> Any:
     given: dict[str, dict[str, Any]] = {
         "calibrate": {"folder": cell / "campaign", "out": out / "calibrated", "rerun": out / "c.rrd"},
         "zone": {"rig": cell / "run" / "rig.toml", **BOX, "out": out / "zone.nc", "report": out / "report"},
@@ -67,7 +67,7 @@ WRITTEN = {
 def test_work_tells_how_far_it_is_and_what_it_wrote_and_ends_when_it_is_told(command: str, cell: Path, tmp_path: Path) -> None:
     """Ended at any of its steps, from the first to the last, no file is there, nor a half of one."""
     whole, run = Watch(), load(command).run
-    result = run(asked(command, cell, tmp_path / "out"), whole)
+    result = run(requested(command, cell, tmp_path / "out"), whole)
     fractions = [fraction for fraction, _ in whole.reported]
     assert fractions[-1] == 1.0
     assert all(0.0 <= f <= 1.0 for f in fractions)
@@ -76,7 +76,7 @@ def test_work_tells_how_far_it_is_and_what_it_wrote_and_ends_when_it_is_told(com
     for end_at in (0, len(whole.reported) - 1):
         watch = Watch(end_at)
         with pytest.raises(CancelledError, match="Nothing was left half-written"):
-            run(asked(command, cell, tmp_path / f"ended{end_at}"), watch)
+            run(requested(command, cell, tmp_path / f"ended{end_at}"), watch)
         assert len(watch.reported) == end_at + 1
         assert [p for p in (tmp_path / f"ended{end_at}").rglob("*") if p.is_file()] == []
 
@@ -84,7 +84,7 @@ def test_work_tells_how_far_it_is_and_what_it_wrote_and_ends_when_it_is_told(com
 def test_what_is_not_its_own_is_not_written_over_by_scripts_either(cell: Path, tmp_path: Path) -> None:
     (tmp_path / "poses.csv").write_text("mine")
     with pytest.raises(OverwriteError):
-        load("plan-poses").run(asked("plan-poses", cell, tmp_path))
+        load("plan-poses").run(requested("plan-poses", cell, tmp_path))
     assert [p.name for p in tmp_path.iterdir()] == ["poses.csv"]
 
 

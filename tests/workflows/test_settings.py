@@ -32,7 +32,7 @@ GIVEN: dict[str, dict[str, Any]] = {
 }
 
 
-def asked(command: str, **more: Any) -> Any:
+def requested(command: str, **more: Any) -> Any:
     return load(command).settings(**GIVEN[command] | more)
 
 
@@ -81,7 +81,7 @@ def test_units_and_ranges_are_told_also_where_the_stage_checks_them() -> None:
 )
 def test_what_makes_no_sense_is_one_line(command: str, wrong: dict[str, Any], line: str) -> None:
     with pytest.raises(SettingsError) as caught:
-        asked(command, **wrong)
+        requested(command, **wrong)
     assert str(caught.value) == line
     with pytest.raises(SettingsError, match=r"^out: is missing$"):
         load(command).settings(**{key: value for key, value in GIVEN[command].items() if key != "out"})
@@ -107,32 +107,32 @@ def test_a_box_and_words_with_blanks() -> None:
 
 
 def test_defaults_are_those_of_the_stages() -> None:
-    fit, chosen = CalibrationSettings(), asked("calibrate")
+    fit, chosen = CalibrationSettings(), requested("calibrate")
     assert all(getattr(chosen, name) == value for name, value in vars(fit).items() if name != "distances")
     assert fit.distances == chosen.distance == ()
-    certified, chosen = vars(CertificationSettings()) | {"trials": 4000, "rule": None}, asked("certify")
+    certified, chosen = vars(CertificationSettings()) | {"trials": 4000, "rule": None}, requested("certify")
     assert chosen.limit_deg == certified.pop("limit_angle_deg")
     del certified["planes"]
     assert all(getattr(chosen, name) == value for name, value in certified.items())
     assert Choices(chosen.language or "en", chosen.key, chosen.dcc, chosen.xsd, chosen.zipped) == Choices()
     assert LANGUAGES == ("en", "ru")
-    limits, chosen = vars(Limits()), asked("zone")
+    limits, chosen = vars(Limits()), requested("zone")
     assert chosen.limit_deg == limits.pop("angle_deg")
     assert all(getattr(chosen, name) == value for name, value in limits.items())
-    chosen = asked("plan-poses")
+    chosen = requested("plan-poses")
     plan = vars(pose_choice.PlanSettings(4, None))  # type: ignore[arg-type]
     assert all(getattr(chosen, name) == plan[name] for name in ("criterion", "solve", "passes", "further", "seed"))
     assert set(CRITERIA) == {"G", "I", "D"}
     # a form knows no infinity, and what a person types into a controller is wanted away from its singular angles
     limits = vars(reach.Limits()) | {"max_length_mm": 1e6, "singular_deg": 2.0}
     assert all(getattr(chosen, name) == value for name, value in limits.items())
-    cube, chosen = CubeTests(), asked("program")
+    cube, chosen = CubeTests(), requested("program")
     assert (chosen.quaternion, chosen.speed, chosen.path_speed) == (cube.quaternion, cube.speed_mm_s, cube.path_speed_mm_s)
     assert (chosen.speeds, chosen.loads, chosen.dwell) == (cube.speeds_percent, cube.loads_kg, cube.dwell_s)
     assert (3600.0 * chosen.drift_hours, chosen.limit_band) == (cube.drift_s, cube.limit_band_mm)
     assert set(chosen.tests) < set(cube.tests)  # those of an hour
-    assert asked("motion").half_width_s is None
-    assert asked("place").generations == GENERATIONS
+    assert requested("motion").half_width_s is None
+    assert requested("place").generations == GENERATIONS
 
 
 @pytest.mark.parametrize(

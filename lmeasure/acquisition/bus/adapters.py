@@ -41,19 +41,19 @@ def adapters(patience_s: float = PATIENCE_S) -> tuple[tuple[Adapter, ...], tuple
     process.kill()
     reader.join(1.0)
     process.wait()
-    asked: set[str] = set()
+    requested: set[str] = set()
     found: list[Adapter] = []
     for line in list(lines):
         with contextlib.suppress(ValueError):
             reported = json.loads(line)
             if "asks" in reported:
-                asked.add(reported["asks"])
+                requested.add(reported["asks"])
                 continue
-            asked.discard(reported["interface"])
+            requested.discard(reported["interface"])
             found += [one for config in reported["configs"] if (one := _adapter(config)) is not None]
     found += [Adapter(f"slcan:{port}", (), about) for port, about in _serial_ports()]
     unique = {(one.bus, one.options): one for one in found}
-    return tuple(unique.values()), tuple(sorted(asked))
+    return tuple(unique.values()), tuple(sorted(requested))
 
 
 def _adapter(config: dict[str, Any]) -> Adapter | None:

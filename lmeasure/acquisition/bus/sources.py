@@ -365,8 +365,8 @@ class SimulatedSource(BusSource):
         from lmeasure.acquisition.counters.decoders import counter_fields
         from lmeasure.simulation import read_scenario, simulate
 
-        asked, rig = read_scenario(scenario)
-        run = simulate(asked, rig).run
+        requested, rig = read_scenario(scenario)
+        run = simulate(requested, rig).run
         if run is None:
             raise AcquisitionError(message("error.has_no_waypoint_to", where=scenario))
         counts = run.run.passes[0]

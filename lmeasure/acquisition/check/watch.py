@@ -10,7 +10,7 @@ import numpy as np
 
 from lmeasure.acquisition.bus.network import BusWatch
 from lmeasure.acquisition.counters.assembly import new_assembler
-from lmeasure.acquisition.counters.origins import GoneOn, moduli
+from lmeasure.acquisition.counters.origins import ContinuedCounts, moduli
 from lmeasure.acquisition.counters.samples import SyncAssembler
 from lmeasure.acquisition.session import Link
 from lmeasure.core import AcquisitionError, FloatArray
@@ -104,7 +104,7 @@ class Watch:
         # millimetres, or degrees, of a recorded count
         self.unit = np.array([c.per_count / c.scale if c.is_length else math.degrees(c.per_count) for c in known])
         self.least = np.where(self.lengths, LEAST_PULL_MM, LEAST_TURN_DEG)
-        self._gone_on = GoneOn(moduli(rig, tuple(self.channels), passage))
+        self._gone_on = ContinuedCounts(moduli(rig, tuple(self.channels), passage))
         self.last: FloatArray | None = None
         self._least = self._most = np.full(len(self.channels), np.nan)
 

@@ -176,7 +176,7 @@ def folded(difference: FloatArray, modulus: FloatArray) -> FloatArray:
     return np.where(modulus > 0.0, (difference + turn / 2.0) % turn - turn / 2.0, difference)
 
 
-class GoneOn:
+class ContinuedCounts:
     """Counts of m channels, given piece by piece, without the turns of absolute encoders with modulus (m,): they continue from the first
     count."""
 

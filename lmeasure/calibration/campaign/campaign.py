@@ -161,9 +161,9 @@ def all_visits(campaign: Campaign, names: tuple[str, ...]) -> tuple[str, ...]:
     for name in names:
         if name not in campaign.poses.names:
             raise CalibrationError(message("error.pose_to_hold_out", name=name))
-    asked = np.array([name in names for name in campaign.poses.names])
-    asked = np.isin(campaign.reference_of, campaign.reference_of[asked])
-    return tuple(name for name, each in zip(campaign.poses.names, asked, strict=True) if each)
+    requested = np.array([name in names for name in campaign.poses.names])
+    requested = np.isin(campaign.reference_of, campaign.reference_of[requested])
+    return tuple(name for name, each in zip(campaign.poses.names, requested, strict=True) if each)
 
 
 def without_poses(campaign: Campaign, names: tuple[str, ...]) -> Campaign:

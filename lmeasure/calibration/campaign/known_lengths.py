@@ -37,19 +37,19 @@ def with_distances(model: Model, found: Fit, distances: Sequence[Distance]) -> t
     CalibrationError if poses are not found with the rig, or lack these names.
     """
     findings = []
-    for asked in distances:
-        found, off, u = _conditioned(model, found, asked)
-        text = message("calibration.distance_off", a=asked.a, b=asked.b, off=float(off), u=float(u))
+    for requested in distances:
+        found, off, u = _conditioned(model, found, requested)
+        text = message("calibration.distance_off", a=requested.a, b=requested.b, off=float(off), u=float(u))
         findings.append(Finding(code="misfit" if abs(off) > CONTRADICTED * u else "note", text=text, value=off))
     return found, findings
 
 
-def distance_of(model: Model, theta: FloatArray, asked: Distance) -> tuple[float, FloatArray]:
+def distance_of(model: Model, theta: FloatArray, requested: Distance) -> tuple[float, FloatArray]:
     """The distance [mm] when the unknowns are theta (P,), and its derivatives by them (P,)."""
     if not set(SHIFTS) <= set(model.free.tolist()):
         raise CalibrationError(message("error.distance_goes_with_self"))
     names, at = model.campaign.poses.names, []
-    for name in (asked.a, asked.b):
+    for name in (requested.a, requested.b):
         if name not in names or names.index(name) not in model.at:
             raise CalibrationError(message("error.distance_is_none_of", name=name, names=", ".join(names[:6])))
         at.append(names.index(name))
@@ -57,7 +57,7 @@ def distance_of(model: Model, theta: FloatArray, asked: Distance) -> tuple[float
     way = rows[at[1], :3] - rows[at[0], :3]
     length = float(np.linalg.norm(way))
     if not length > 0.0:
-        raise CalibrationError(message("error.distance_and_are_one", a=asked.a, b=asked.b))
+        raise CalibrationError(message("error.distance_and_are_one", a=requested.a, b=requested.b))
     g, free = np.zeros(len(theta)), model.free.tolist()
     for i, sign in zip(at, (-1.0, 1.0), strict=True):
         begin = model.own + len(free) * int(np.flatnonzero(model.at == i)[0])
@@ -65,18 +65,18 @@ def distance_of(model: Model, theta: FloatArray, asked: Distance) -> tuple[float
     return length, g
 
 
-def _conditioned(model: Model, found: Fit, asked: Distance) -> tuple[Fit, float, float]:
+def _conditioned(model: Model, found: Fit, requested: Distance) -> tuple[Fit, float, float]:
     assert found.eliminated is not None
     follows, held = found.eliminated
-    before, g = distance_of(model, found.theta, asked)
-    u = float(np.sqrt(g @ found.covariance @ g + asked.u_mm**2))
+    before, g = distance_of(model, found.theta, requested)
+    u = float(np.sqrt(g @ found.covariance @ g + requested.u_mm**2))
     k, theta = found.covariance @ g / u**2, found.theta
     for _ in range(STEPS):
-        length, g = distance_of(model, theta, asked)
-        theta = found.theta + k * (asked.mm - length - g @ (found.theta - theta))
-    follows, held = follows - np.outer(k, g @ follows), np.column_stack([held - np.outer(k, g @ held), k * asked.u_mm])
+        length, g = distance_of(model, theta, requested)
+        theta = found.theta + k * (requested.mm - length - g @ (found.theta - theta))
+    follows, held = follows - np.outer(k, g @ follows), np.column_stack([held - np.outer(k, g @ held), k * requested.u_mm])
     residuals, covariance = model.residuals(theta), follows @ found.V @ follows.T + held @ held.T
     fit = replace(
         found, theta=theta, residuals=residuals, covariance=np.asarray((covariance + covariance.T) / 2), eliminated=(follows, held)
     )
-    return fit, before - asked.mm, u
+    return fit, before - requested.mm, u

@@ -10,7 +10,7 @@ from lmeasure.calibration.solve.prediction import Prediction
 from lmeasure.calibration.solve.residuals import COMPONENTS
 from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.calibration.validation.guard import AgainstNominal
-from lmeasure.calibration.validation.hold_out import HeldOut, deletion_residuals
+from lmeasure.calibration.validation.hold_out import ValidationPose, deletion_residuals
 from lmeasure.core import QUATERNION_COLUMNS, FloatArray
 from lmeasure.estimation import PROBABILITY, Fit, Parameters, Regions
 from lmeasure.kernels import changes_from_counts, span_lengths
@@ -117,7 +117,7 @@ def _validation(model: Model, found: Fit) -> dict[str, object]:
     return {"left_out_rms_mm": rms, "poses": [{"pose": name, "rms_mm": value} for name, value in left_out]}
 
 
-def held_out_entry(poses: list[HeldOut]) -> dict[str, object]:
+def held_out_entry(poses: list[ValidationPose]) -> dict[str, object]:
     """Return the prediction errors of validation poses, beside those expected from the record's uncertainties."""
     if not poses:
         return {}

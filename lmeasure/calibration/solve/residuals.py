@@ -75,7 +75,7 @@ class Residuals(Problem):
             campaign = replace(campaign, reference=None)
         if free and campaign.u_visit is not None:
             own = campaign.u_visit.copy()
-            own[:, self._untold] = 0.0
+            own[:, self._unstated] = 0.0
             campaign = replace(campaign, u_visit=own if own.any() else None)
         self.campaign = campaign
         self.noise = self._stated() if noise is None else noise
@@ -138,13 +138,13 @@ class Residuals(Problem):
         """Return whether positions of the poses are those of the file, with the uncertainty stated there."""
         return 3 not in self.free
 
-    def untold(self, block: int) -> str:
+    def undetermined_block(self, block: int) -> str:
         """Return the message about a pose that its cables do not determine."""
         name = self.campaign.poses.names[self.at[block]]
         return message("calibration.pose_undetermined", name=name)
 
     @property
-    def _untold(self) -> list[int]:
+    def _unstated(self) -> list[int]:
         """Components of a pose about which nothing stated counts: the free ones, and the rotation of a tool that is but one free point."""
         return list(range(6)) if 3 in self.free else list(ROTATIONS)
 
@@ -157,8 +157,8 @@ class Residuals(Problem):
         place, turn = stated.u_position_mm.copy(), np.zeros(len(poses))
         covariance = None if stated.covariance is None else stated.covariance.copy()
         if covariance is not None:
-            covariance[:, self._untold] = 0.0
-            covariance[:, :, self._untold] = 0.0
+            covariance[:, self._unstated] = 0.0
+            covariance[:, :, self._unstated] = 0.0
         if not self.places_known:
             place, covariance = np.zeros(len(poses)), None
         # an assumed size of what is unknown anyway takes no part

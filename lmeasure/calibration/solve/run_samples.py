@@ -66,12 +66,12 @@ def campaign_of(run: Run, samples: int = SAMPLES, inputs: tuple[Input, ...] = ()
 def _at(name: str, time_s: FloatArray, source: str) -> int:
     """The sample nearest to a time that is a name."""
     try:
-        asked = float(name)
+        requested = float(name)
     except ValueError:
         raise CalibrationError(message("error.distance_is_neither_start", name=name, source=source)) from None
-    if not time_s[0] <= asked <= time_s[-1]:
+    if not time_s[0] <= requested <= time_s[-1]:
         raise CalibrationError(message("error.distance_s_lies_outside", name=name, source=source, time_s=time_s[0], time_s2=time_s[-1]))
-    return int(np.argmin(np.abs(time_s - asked)))
+    return int(np.argmin(np.abs(time_s - requested)))
 
 
 def _followed(rig: Rig, lengths: Lengths, whole: IntArray, start: FloatArray) -> tuple[FloatArray, IntArray]:

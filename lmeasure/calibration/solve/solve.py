@@ -39,7 +39,7 @@ from lmeasure.calibration.validation import observability
 from lmeasure.calibration.validation.diagnosis import Diagnosis, diagnose
 from lmeasure.calibration.validation.findings import larger_errors, poses_findings, shape_findings, underdetermined, unknown_temperature
 from lmeasure.calibration.validation.guard import AgainstNominal, against_nominal
-from lmeasure.calibration.validation.hold_out import HeldOut, held_out, shifted_lengths
+from lmeasure.calibration.validation.hold_out import ValidationPose, shifted_lengths, validation_errors
 from lmeasure.calibration.validation.misfit import explain_misfit
 from lmeasure.core import CalibrationError, DataFrame, FloatArray, Shown
 from lmeasure.estimation import BENT, BIWEIGHT, EXCLUDED, Fit, Group, Regions, Weights, fit, linear_objective, regions, robust_fit
@@ -413,7 +413,7 @@ def _begun_jointly(campaign: Campaign, settings: CalibrationSettings, free: tupl
     return _SolverStart(model, first, found, [], searched)
 
 
-def _held_out(whole: Campaign, model: Model, found: Fit, poses: tuple[str, ...], seed: int) -> list[HeldOut]:
+def _held_out(whole: Campaign, model: Model, found: Fit, poses: tuple[str, ...], seed: int) -> list[ValidationPose]:
     """The poses that took no part, each with its own unknowns, if it has them, fitted to its own lengths."""
     if not poses:
         return []
@@ -433,4 +433,4 @@ def _held_out(whole: Campaign, model: Model, found: Fit, poses: tuple[str, ...],
                 message("error.hold_out_pose_counted", name=name, determined=determined, pose_unknowns=model.pose_unknowns)
             )
         theta = fitted_pose(every, theta, pose, seed)
-    return held_out(every, theta, found, poses)
+    return validation_errors(every, theta, found, poses)

@@ -108,7 +108,7 @@ def _seen(model: Model, theta: FloatArray, F: FloatArray) -> tuple[Eliminated, F
     """The problem at theta with the poses eliminated; whitened residuals (f,), and their derivatives (f, r) in the record's coordinates."""
     part = Eliminated(model, theta, model.covariance(theta), model.own)
     if part.loose:
-        raise CalibrationError(model.untold(part.loose[0]))
+        raise CalibrationError(model.undetermined_block(part.loose[0]))
     return part, part.W @ model.residuals(theta), part.W @ part.A @ (F / model.parameters.width[:, None])
 
 

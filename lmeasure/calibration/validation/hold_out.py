@@ -8,7 +8,7 @@ import numpy as np
 from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.core import FloatArray, IntArray
-from lmeasure.estimation import Deletion, Fit, held_out as held_out_of_fit
+from lmeasure.estimation import Deletion, Fit, validation_residuals
 
 MOVED = 1e-3
 """Probability of chance below which a point is named that moved."""
@@ -28,7 +28,7 @@ class Suspect:
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class ValidationPose:
     """A pose that was kept out of the fit: errors (c,) measured less predicted changes since the zero pose [mm] of its counted channels,
     and their standard uncertainties (c,) from the calibration, the counts and the reference poses."""
 
@@ -38,12 +38,12 @@ class HeldOut:
     u_mm: FloatArray
 
 
-def held_out(whole: Model, theta: FloatArray, fit: Fit, poses: tuple[str, ...]) -> list[HeldOut]:
+def validation_errors(whole: Model, theta: FloatArray, fit: Fit, poses: tuple[str, ...]) -> list[ValidationPose]:
     """Return the errors of a fit at validation poses. whole is the model of all poses; theta the fit's values of its unknowns. Unknowns of
     the validation poses, if any, are fitted to their own lengths: then the errors are the residuals."""
     campaign, names = whole.campaign, whole.names
     kept = np.isin(whole.pose_index, [campaign.poses.names.index(name) for name in poses])
-    r, C = held_out_of_fit(whole, theta, fit, np.flatnonzero(~kept))
+    r, C = validation_residuals(whole, theta, fit, np.flatnonzero(~kept))
     J = whole.jacobian(theta)
     out = []
     for name in poses:
@@ -52,7 +52,7 @@ def held_out(whole: Model, theta: FloatArray, fit: Fit, poses: tuple[str, ...]) 
         fitted = J[rows][:, [n.rsplit(".", 1)[0] == f"pose {name}" for n in names]]
         left = np.eye(len(rows)) - fitted @ np.linalg.pinv(fitted)
         u = np.sqrt(np.maximum(np.diag(left @ C[np.ix_(rows, rows)] @ left.T), 0.0))
-        out.append(HeldOut(name, channels, -left @ r[rows], u))
+        out.append(ValidationPose(name, channels, -left @ r[rows], u))
     return out
 
 

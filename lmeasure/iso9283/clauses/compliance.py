@@ -43,17 +43,19 @@ class ComplianceTest(IsoTest):
 def tests(attained: Attainment) -> Iterator[ComplianceTest]:
     """Return the tests of every table of forces."""
     frame, still_mm = attained.frame, attained.settings.still_mm
-    for number, asked in enumerate(attained.program.compliance, 1):
-        if not asked.windows_s:
+    for number, requested in enumerate(attained.program.compliance, 1):
+        if not requested.windows_s:
             continue
-        loaded = attain(asked.pose, attained.commanded(asked.pose), asked.windows_s, attained.trajectory, frame=frame, still_mm=still_mm)
+        loaded = attain(
+            requested.pose, attained.commanded(requested.pose), requested.windows_s, attained.trajectory, frame=frame, still_mm=still_mm
+        )
         yield ComplianceTest(
             subject=Subject("compliance", str(number)),
-            windows=asked.windows_s,
+            windows=requested.windows_s,
             angle_deg=loaded.angle_deg,
             loaded=loaded,
-            forces=np.array(asked.force_n),
-            groups=numbered(asked.force_n),
+            forces=np.array(requested.force_n),
+            groups=numbered(requested.force_n),
         )
 
 

@@ -75,13 +75,13 @@ def tests(attained: Attainment) -> Iterator[GroupTest]:
     for pose in known:
         if len(set(pose.units)) > 1:
             yield ExchangeabilityTest(subject=Subject("pose", pose.name), groups=pose.units)
-    for asked in attained.program.drift:
-        found = attained.poses.get(asked.pose)
-        n = 0 if found is None else len(found.poses) // asked.group
+    for requested in attained.program.drift:
+        found = attained.poses.get(requested.pose)
+        n = 0 if found is None else len(found.poses) // requested.group
         if found is not None and n >= 2:
             convention, _ = attained.convention_of_pose(found)
-            times = tuple(str(j) for j in range(n) for _ in range(asked.group))
-            yield DriftTest(subject=Subject("pose", asked.pose), groups=times, convention=convention, commanded=found.commanded[:3])
+            times = tuple(str(j) for j in range(n) for _ in range(requested.group))
+            yield DriftTest(subject=Subject("pose", requested.pose), groups=times, convention=convention, commanded=found.commanded[:3])
 
 
 CLAUSE = Clause(

@@ -44,12 +44,12 @@ class DistanceTest(IsoTest):
 def tests(attained: Attainment) -> Iterator[DistanceTest]:
     """Yield the program's distances, by default `USUAL` or the first two poses. CertificationError names an impossible one."""
     poses = attained.poses
-    asked = list(attained.program.distance)
-    if not asked:
+    requested = list(attained.program.distance)
+    if not requested:
         pair = USUAL if set(USUAL) <= set(poses) else list(poses)[:2]
         if len(pair) == 2 and len({len(poses[name].poses) for name in pair}) == 1:
-            asked = [Distance.model_validate({"from": pair[0], "to": pair[1]})]
-    for d in asked:
+            requested = [Distance.model_validate({"from": pair[0], "to": pair[1]})]
+    for d in requested:
         names = d.from_pose, d.to_pose
         for name in names:
             if name not in poses:

@@ -184,17 +184,17 @@ def simulate_robot(scenario: Scenario, rig: Rig, folder: Path, source: str = "sc
     By default the robot's base is placed so that its tool at home is at the scenario's start. FileFormatError or RobotError names the
     unreadable part, or the command that the robot cannot carry out.
     """
-    asked = scenario.robot
-    if asked is None:
+    settings = scenario.robot
+    if settings is None:
         raise FileFormatError(message("error.robot_is_missing", where=source))
-    drawn = _drawn(asked.model, folder, source)
-    built = _built(asked, drawn, np.random.default_rng([scenario.seed, 1]), source)
+    drawn = _drawn(settings.model, folder, source)
+    built = _built(settings, drawn, np.random.default_rng([scenario.seed, 1]), source)
     home = _home(drawn)
-    if asked.position_mm is None:
+    if settings.position_mm is None:
         at_home = se3.compose(home, drawn.tool_pose)
         base = se3.compose(scenario.start_pose, se3.inverse(at_home))
     else:
-        base = np.array([*asked.position_mm, *asked.quaternion_xyzw])
+        base = np.array([*settings.position_mm, *settings.quaternion_xyzw])
     nominal, true = (Mounted(robot.model, base, drawn.tool_pose) for robot in (drawn, built))
     sliding = nominal.robot.sliding
     rest = nominal.robot.inverse(home)[0] if isinstance(drawn, PlatformFile) else _rest(drawn)
@@ -206,11 +206,11 @@ def simulate_robot(scenario: Scenario, rig: Rig, folder: Path, source: str = "sc
         ramp_s=RAMP_S,
         natural_rad_s=np.full(len(rest), NATURAL_RAD_S),
         damping=np.full(len(rest), DAMPING),
-        joint_noise_rad=np.where(sliding, asked.repeatability_mm, asked.repeatability_deg) * units,
+        joint_noise_rad=np.where(sliding, settings.repeatability_mm, settings.repeatability_deg) * units,
         backlash_rad=np.zeros(len(rest)),
-        stiffness_n_mm_rad=np.where(sliding, asked.stiffness_n_mm, 1e3 * asked.stiffness_nm_deg / np.radians(1.0)),
+        stiffness_n_mm_rad=np.where(sliding, settings.stiffness_n_mm, 1e3 * settings.stiffness_nm_deg / np.radians(1.0)),
     )
-    programmed, done = _performed(scenario, asked, folder, robot, drawn)
+    programmed, done = _performed(scenario, settings, folder, robot, drawn)
     simulated = simulate(scenario, rig, (done.time_s, done.poses))
     program = None if programmed else _program(drawn, nominal, done)
     return RobotRun(simulated, done, drawn, built, program, _remarks(drawn, nominal, done, programmed=programmed))
@@ -225,7 +225,7 @@ def write_robot_run(folder: Path, run: RobotRun) -> None:
     done, model = run.performance, run.drawn.model
     time_s = [0.5 * (s.arrival_s + s.end_s) for s, c in zip(done.spans, done.commands, strict=True) if c.dwell_s > 0.0]
     at = np.clip(np.searchsorted(done.time_s, time_s), 0, len(done.time_s) - 1)
-    columns = {"name": [f"rest_{i + 1}" for i in range(len(at))], "time_s": np.array(time_s), **joint_columns(model, done.asked[at])}
+    columns = {"name": [f"rest_{i + 1}" for i in range(len(at))], "time_s": np.array(time_s), **joint_columns(model, done.requested[at])}
     files.write_table(folder / "robot" / "joints.csv", columns)
     if run.program is not None:
         write_program(folder / "robot" / "program.toml", run.program)
@@ -240,29 +240,29 @@ def _drawn(name: str, folder: Path, source: str) -> AnyRobot:
     return read_robot(folder / name)
 
 
-def _built(asked: TestedRobot, drawn: AnyRobot, rng: np.random.Generator, source: str) -> AnyRobot:
+def _built(settings: TestedRobot, drawn: AnyRobot, rng: np.random.Generator, source: str) -> AnyRobot:
     """Return the robot with its errors, drawn ones first."""
     parameters = drawn.model.parameters
     errors = {}
     for p, unit in zip(parameters, rng.normal(size=len(parameters)), strict=True):
         if family(p.name) == "links" and p.unit in ("mm", "deg"):
-            errors[p.name] = float(unit) * (asked.u_mm if p.unit == "mm" else asked.u_deg)
+            errors[p.name] = float(unit) * (settings.u_mm if p.unit == "mm" else settings.u_deg)
     known = {p.name: p.value for p in parameters}
-    strange = next((name for name in asked.errors if name not in known), None)
+    strange = next((name for name in settings.errors if name not in known), None)
     if strange is not None:
         raise FileFormatError(message("error.robot_errors_is_no", where=source, strange=strange, name=drawn.name, name2=parameters[0].name))
-    errors |= asked.errors
+    errors |= settings.errors
     return drawn.with_values({name: known[name] + error for name, error in errors.items() if error != 0.0})
 
 
-def _performed(scenario: Scenario, asked: TestedRobot, folder: Path, robot: SimulatedRobot, drawn: AnyRobot) -> tuple[bool, Performance]:
+def _performed(scenario: Scenario, settings: TestedRobot, folder: Path, robot: SimulatedRobot, drawn: AnyRobot) -> tuple[bool, Performance]:
     """Return whether it ran a program with a file of its own, and its performance: straight through waypoints or commands, or by its joints
     through a table of their values."""
     motion, rng = scenario.motion, np.random.default_rng([scenario.seed, 2])
-    if asked.commands is None:
+    if settings.commands is None:
         ways = [Command(leg.pose[None], leg.speed_mm_s, leg.dwell_s, rotation_rad_s=leg.rotation_speed_rad_s) for leg in scenario.legs()]
         return False, robot.perform(ways, scenario.start_pose, scenario.rate_hz, rng)
-    path = folder / asked.commands
+    path = folder / settings.commands
     if "move" in files.read_table(path).columns:
         commands = read_commands(path)
         return True, robot.perform(commands, commands[0].poses[0], scenario.rate_hz, rng)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lmeasure.acquisition import GoneOn, Samples, joined
+from lmeasure.acquisition import ContinuedCounts, Samples, joined
 from lmeasure.core import FloatArray
 from lmeasure.rig import Rig
 from lmeasure.text import message
@@ -114,7 +114,7 @@ class Rest:
     """
 
     def __init__(self, channels: tuple[str, ...], band: FloatArray, modulus: FloatArray) -> None:
-        self.channels, self._band, self._gone_on = channels, band, GoneOn(modulus)
+        self.channels, self._band, self._gone_on = channels, band, ContinuedCounts(modulus)
         self._rows = _Rows(len(channels))
         self._pieces: deque[_Piece] = deque()
         self._least, self._most = np.full((2, len(channels)), np.nan)

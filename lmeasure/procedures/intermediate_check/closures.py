@@ -238,9 +238,9 @@ def _drifts(budget: Budget, stops: Stops, repeatability_mm: float) -> list[Closu
     return out
 
 
-def _distance(stops: Stops, known: PoseCovariances, asked: Distance, repeatability_mm: float) -> Closure:
+def _distance(stops: Stops, known: PoseCovariances, requested: Distance, repeatability_mm: float) -> Closure:
     at = []
-    for name in (asked.a, asked.b):
+    for name in (requested.a, requested.b):
         if name not in stops.names:
             raise TrajectoryError(message("error.distance_is_none_of_the", name=name, fromkeys=", ".join(dict.fromkeys(stops.names))))
         at.append(stops.names.index(name))
@@ -248,8 +248,8 @@ def _distance(stops: Stops, known: PoseCovariances, asked: Distance, repeatabili
     way = stops.poses[i, :3] - stops.poses[j, :3]
     length = float(np.linalg.norm(way))
     if not length > 0.0:
-        raise TrajectoryError(message("error.distance_and_are_one_place", a=asked.a, b=asked.b))
+        raise TrajectoryError(message("error.distance_and_are_one_place", a=requested.a, b=requested.b))
     e = way / length
     own = np.concatenate([e @ known.own[i, 3:], e @ known.own[j, 3:], e @ (known.factors[i, 3:] - known.factors[j, 3:])])
-    u = float(np.sqrt(own @ own + asked.u_mm**2 + 2.0 * repeatability_mm**2))
-    return _tested("distance", f"{asked.a} to {asked.b}", length - asked.mm, u)
+    u = float(np.sqrt(own @ own + requested.u_mm**2 + 2.0 * repeatability_mm**2))
+    return _tested("distance", f"{requested.a} to {requested.b}", length - requested.mm, u)

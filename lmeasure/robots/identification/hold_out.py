@@ -36,7 +36,7 @@ DETERMINED = 0.8
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class CrossValidation:
     """Errors (k,) [mm] and u95 (k,) at validation rows (k,) of the fit, in turn.
 
     misfit: rms of the errors in units of the stated ones, or 95 % quantile in units of their stated radii if that is more; rows counted by
@@ -85,7 +85,7 @@ class Unseen:
         return self.times < 1.0 or self.excess < EXCESS
 
 
-def held_out(found: Identified[R], folds: int = FOLDS, seed: int = 0) -> HeldOut | None:
+def cross_validation(found: Identified[R], folds: int = FOLDS, seed: int = 0) -> CrossValidation | None:
     """Predict each fold of the poses with positions by an identification from the others; None with too few.
 
     All rows of the same joint values are in one fold: they share the robot's noise and the errors of its model.
@@ -116,7 +116,7 @@ def held_out(found: Identified[R], folds: int = FOLDS, seed: int = 0) -> HeldOut
     # joints that repeat differently err by the pose: a few farther than a common covariance says, and more of them nearer
     farthest = float(np.quantile(error / radius, 0.95, weights=counts, method="inverted_cdf"))
     misfit = max(1.0, float(np.sqrt(np.average(square, weights=counts))), farthest)
-    return HeldOut(at, error, misfit * radius, misfit)
+    return CrossValidation(at, error, misfit * radius, misfit)
 
 
 def learning_curve(found: Identified[R], seed: int = 0) -> list[tuple[int, float, float, float]]:
@@ -386,12 +386,12 @@ def identify_with_choice(robot: R, rows: Measurements, settings: Settings | None
     settings = settings or Settings()
     found = identify(robot, rows, settings)
     while True:
-        asked = [w for w in worth_freeing(found) if not w.freed and w.chance < FALSE_ALARM and w.aic < 0.0]
-        asked.sort(key=lambda w: (w.chance, w.aic))
-        unseen = {w.family: unseen_halves(found, w.family) for w in asked if w.family in among}
+        requested = [w for w in worth_freeing(found) if not w.freed and w.chance < FALSE_ALARM and w.aic < 0.0]
+        requested.sort(key=lambda w: (w.chance, w.aic))
+        unseen = {w.family: unseen_halves(found, w.family) for w in requested if w.family in among}
         best = next((name for name, halves in unseen.items() if halves.good), None)
         if best is None:
-            notes = [_noted(w) for w in asked if w.family not in unseen]
+            notes = [_noted(w) for w in requested if w.family not in unseen]
             if unseen:
                 families, times = ", ".join(unseen), max(u.times for u in unseen.values())
                 notes.append(noted("worth-freeing", "worse_unseen", families, times, families=families, times=times))

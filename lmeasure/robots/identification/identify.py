@@ -210,7 +210,7 @@ class Identified(Shown, Generic[R]):
     """The frames that fit best with the nominal robot."""
     settings: Settings
     misfit: float = 1.0
-    """Factor from stated to actual errors of validation rows, if above 1 (`hold_out.HeldOut.misfit`)."""
+    """Factor from stated to actual errors of validation rows, if above 1 (`hold_out.CrossValidation.misfit`)."""
     beyond: Beyond = NOWHERE
     """Widening of predictions far from the measured joint values (`hold_out.beyond`)."""
     state: State[R] = field(init=False)

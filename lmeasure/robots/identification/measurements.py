@@ -370,8 +370,8 @@ def agreeing(rows: Measurements, used: BoolArray) -> BoolArray:
     out = used.copy()
     values = np.column_stack([rows.position, rows.length_mm])[at]
     values = np.where(np.isnan(values), 0.0, values)
-    asked = counts[of] > 2
-    if not asked.any():
+    requested = counts[of] > 2
+    if not requested.any():
         return out
     square = np.zeros(len(at))
     order = np.argsort(of, kind="stable")
@@ -379,6 +379,6 @@ def agreeing(rows: Measurements, used: BoolArray) -> BoolArray:
         if len(part) > 2:
             square[part] = ((values[part] - np.median(values[part], axis=0)) ** 2).sum(axis=1)
     stated = np.einsum("nii->n", rows.covariance[:, POSITION, POSITION])[at] / 3.0
-    scale = np.maximum(float(np.median(square[asked])) / chi2.ppf(0.5, 3), stated)
-    out[at] &= ~asked | (square <= HEAVY**2 * scale * chi2.isf(OUTLYING / len(rows), 3))
+    scale = np.maximum(float(np.median(square[requested])) / chi2.ppf(0.5, 3), stated)
+    out[at] &= ~requested | (square <= HEAVY**2 * scale * chi2.isf(OUTLYING / len(rows), 3))
     return out

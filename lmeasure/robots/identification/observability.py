@@ -30,7 +30,7 @@ PLACED = 0.05
 
 
 @dataclass(frozen=True)
-class Silent:
+class UnobservableDirection:
     """A combination of parameters that the measurements leave free: changes by name, in the units of the names, for one prior standard
     uncertainty of the first."""
 
@@ -48,7 +48,7 @@ def determined_parameters(fit: Fit[R]) -> BoolArray:
     return np.asarray(np.sqrt(np.diag(fit.covariance)) < DETERMINED * fit.problem.width)
 
 
-def silent_directions(fit: Fit[R]) -> list[Silent]:
+def unobservable_directions(fit: Fit[R]) -> list[UnobservableDirection]:
     """Combinations that leave every measured value as it is, each with as few parameters as can be; those of few first."""
     unknowns, width = fit.problem.unknowns, fit.problem.width
     free, names = len(unknowns.freed), unknowns.names
@@ -75,20 +75,20 @@ def silent_directions(fit: Fit[R]) -> list[Silent]:
             why = message("identify.silent.frames" if len(frames_said) > 1 else "identify.silent.frame", frames=frames_said)
         else:
             why = message("identify.silent.alone" if len(strong) == 1 else "identify.silent.together")
-        out.append(Silent({names[i]: float(change[i]) for i in strong}, message("identify.silent", moves=parts, why=why)))
+        out.append(UnobservableDirection({names[i]: float(change[i]) for i in strong}, message("identify.silent", moves=parts, why=why)))
     return sorted(out, key=lambda s: len(s.direction))
 
 
-def unknown_frames(fit: Fit[R]) -> list[Silent]:
+def unknown_frames(fit: Fit[R]) -> list[UnobservableDirection]:
     """Report frames that the measurements do not determine completely, and orientations that were not measured."""
     unknowns = fit.problem.unknowns
     free, sigma = len(unknowns.freed), np.sqrt(np.diag(fit.covariance))
     loose = [i for i in range(free, unknowns.asked) if sigma[i] > DETERMINED * fit.problem.width[i]]
-    out = [Silent({unknowns.names[i]: float(sigma[i])}, message("identify.untold", name=unknowns.names[i])) for i in loose]
+    out = [UnobservableDirection({unknowns.names[i]: float(sigma[i])}, message("identify.untold", name=unknowns.names[i])) for i in loose]
     if not unknowns.based:
-        out.append(Silent({}, message("identify.untold.base")))
+        out.append(UnobservableDirection({}, message("identify.untold.base")))
     if not unknowns.turned.any():
-        out.append(Silent({}, message("identify.untold.turn")))
+        out.append(UnobservableDirection({}, message("identify.untold.turn")))
     return out
 
 

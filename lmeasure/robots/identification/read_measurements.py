@@ -414,7 +414,7 @@ class MeasurementFile:
     notes: tuple[Noted, ...] = ()
 
 
-def given(path: Path, joints: Path | None, robot: RobotModel, stated: Stated) -> MeasurementFile:
+def read_robot_measurements(path: Path, joints: Path | None, robot: RobotModel, stated: Stated) -> MeasurementFile:
     """Read measurements, with columns and uncertainties in `stated`; joints: file of the joint values, None: beside the positions.
 
     A run's rests have the errors of its counts by themselves and those of its calibration, start and zeroing in common. RobotError or

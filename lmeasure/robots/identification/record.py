@@ -15,10 +15,10 @@ from scipy.stats import norm, t
 from lmeasure.accuracy import radii_95
 from lmeasure.core import BoolArray, FileFormatError, FloatArray, IntArray, se3
 from lmeasure.io import files
-from lmeasure.robots.identification.hold_out import HeldOut, Worth
+from lmeasure.robots.identification.hold_out import CrossValidation, Worth
 from lmeasure.robots.identification.identify import Identified, Prediction
 from lmeasure.robots.identification.measurements import NOWHERE, Beyond, Noted
-from lmeasure.robots.identification.observability import determined_parameters, silent_directions, unknown_frames
+from lmeasure.robots.identification.observability import determined_parameters, unknown_frames, unobservable_directions
 from lmeasure.robots.identification.reach import PredictionMap, worst_pose
 from lmeasure.robots.model import Frame, Parameter, Place, RobotModel
 from lmeasure.robots.robot import AnyRobot, Robot, read_robot
@@ -30,7 +30,7 @@ SCHEMA = "lmeasure.identified/1"
 def record(
     found: Identified[Any],
     inputs: Sequence[Path],
-    held: HeldOut | None,
+    held: CrossValidation | None,
     curve: Sequence[tuple[int, float, float, float]],
     *,
     worth: Sequence[Worth],
@@ -57,7 +57,7 @@ def record(
         }
         for i, (name, value) in enumerate(zip(unknowns.names[: unknowns.asked], unknowns.values(fit.x), strict=False))
     ]
-    silent = [*silent_directions(fit), *unknown_frames(fit)]
+    silent = [*unobservable_directions(fit), *unknown_frames(fit)]
     targets = {
         name: _pose(state.targets[i]) | {"oriented": bool(unknowns.turned[i])}
         for i, name in enumerate(found.rows.targets)
@@ -120,7 +120,9 @@ def prediction_columns(names: Sequence[str], predicted: Prediction) -> dict[str,
     return {"name": list(names), **place, "u95_mm": predicted.u95_mm}
 
 
-def summary(found: Identified[Any], held: HeldOut | None, findings: Sequence[Noted], over: PredictionMap | None = None) -> list[str]:
+def summary(
+    found: Identified[Any], held: CrossValidation | None, findings: Sequence[Noted], over: PredictionMap | None = None
+) -> list[str]:
     """Lines for the reader, line by line."""
     before, after = (np.linalg.norm(e[found.kept & found.rows.placed], axis=1) for e in (found.nominal_errors_mm(), found.errors_mm()))
     lines = []
@@ -168,7 +170,7 @@ def _residuals(found: Identified[Any]) -> list[dict[str, Any]]:
     return out
 
 
-def _held_out(held: HeldOut) -> dict[str, float]:
+def _held_out(held: CrossValidation) -> dict[str, float]:
     error = held.error_mm
     rms = float(np.sqrt(np.mean(error**2)))
     return {"mean_mm": float(error.mean()), "rms_mm": rms, "max_mm": float(error.max()), "within_u95": held.within, "misfit": held.misfit}

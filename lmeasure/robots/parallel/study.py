@@ -204,8 +204,8 @@ def over_grid(
     _countable(axes)
     every = turns.of(orientation, robot.commanded)
     full = len(robot.joint_names) == EQUATIONS
-    asked = [a if full or name in robot.commanded else np.array([h]) for name, a, h in zip("xyz", axes, robot.home[:3], strict=True)]
-    shape = [len(a) for a in asked]
+    requested = [a if full or name in robot.commanded else np.array([h]) for name, a, h in zip("xyz", axes, robot.home[:3], strict=True)]
+    shape = [len(a) for a in requested]
     count = int(np.prod(shape))
     cells = [len(a) for a in axes]
     times = np.zeros(int(np.prod(cells)), dtype=np.int32)
@@ -215,7 +215,7 @@ def over_grid(
         met: list[IntArray] = []
         for begin in range(0, count, BLOCK):
             at = np.stack(np.unravel_index(np.arange(begin, min(begin + BLOCK, count)), shape), axis=-1)
-            places = np.stack([a[at[:, i]] for i, a in enumerate(asked)], axis=-1)
+            places = np.stack([a[at[:, i]] for i, a in enumerate(requested)], axis=-1)
             poses = np.column_stack([np.tile(places, (len(group), 1)), np.repeat(group, len(places), axis=0)])
             own, kept = _cells(file, axes, poses if full else _followed(file, poses))
             met.append(np.unique(kept // len(places) * len(times) + own))
@@ -243,15 +243,15 @@ def _step(axis: FloatArray) -> float:
     return float(axis[1] - axis[0]) if len(axis) > 1 else 1.0
 
 
-def _followed(file: ParallelFile, asked: FloatArray) -> FloatArray:
+def _followed(file: ParallelFile, requested: FloatArray) -> FloatArray:
     """(n, 7) poses of a robot of fewer freedoms with the commanded coordinates of poses (n, 7); NaN where it has none."""
     robot = file.model
     idle = [not robot.legs[i].of.drives for i in robot.owners]
-    still = np.tile(robot.home_joints, (len(asked), 1))
-    off = np.abs(robot.residuals(asked, still)[:, idle]).max(axis=1) > 1e-9
+    still = np.tile(robot.home_joints, (len(requested), 1))
+    off = np.abs(robot.residuals(requested, still)[:, idle]).max(axis=1) > 1e-9
     if off.any():
-        asked[off] = robot.nearest(asked[off])
-    return asked
+        requested[off] = robot.nearest(requested[off])
+    return requested
 
 
 def over_drives(
@@ -391,7 +391,7 @@ ROUND = 120
 
 
 @dataclass(frozen=True)
-class Drawn:
+class MechanismOutline:
     """Strips (k, 3) [mm]: base: guides and the outline of fixed parts; arms: cranks and lower arms; legs; platform, closed; hinges (m, 3)
     on it, by names."""
 
@@ -403,7 +403,7 @@ class Drawn:
     names: list[str]
 
 
-def drawn(file: ParallelFile, pose: FloatArray) -> Drawn:
+def mechanism_outline(file: ParallelFile, pose: FloatArray) -> MechanismOutline:
     """Return the drawing at a pose (7,) in the base's frame."""
     robot = file.model
     joints = np.split(own_roots(robot, pose[None])[0], np.cumsum([len(leg.of.drives) for leg in robot.legs])[:-1])
@@ -436,7 +436,7 @@ def drawn(file: ParallelFile, pose: FloatArray) -> Drawn:
     if len(still) >= 3:
         base.append(outline(np.array(feet)))
     hinges = np.array([leg.point for leg in robot.legs])
-    return Drawn(base, arms, legs, se3.apply(pose, outline(hinges)), se3.apply(pose, hinges), [leg.name for leg in robot.legs])
+    return MechanismOutline(base, arms, legs, se3.apply(pose, outline(hinges)), se3.apply(pose, hinges), [leg.name for leg in robot.legs])
 
 
 def _foot(leg: Leg, q: FloatArray) -> FloatArray | None:

@@ -120,8 +120,8 @@ def read_messages(path: Path, topic: str | None = None) -> Messages:
         topic = next(iter(found))
     if topic not in found:
         have = ", ".join(sorted(found)) or "–"
-        asked = message("trajectory_file.state_topic") if topic is None else message("trajectory_file.no_topic", topic=topic)
-        raise FileFormatError(message("error.topics_with_posestamped_or", where=path, have=have, asked=asked))
+        requested = message("trajectory_file.state_topic") if topic is None else message("trajectory_file.no_topic", topic=topic)
+        raise FileFormatError(message("error.topics_with_posestamped_or", where=path, have=have, requested=requested))
     rows = sorted(found[topic], key=lambda each: each[0])
     values = np.array([row for _, row in rows])
     time_s, poses = np.array([t for t, _ in rows]), values[:, :7] * np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0, 1.0])

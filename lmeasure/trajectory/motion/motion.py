@@ -100,7 +100,7 @@ def motion_of(trajectory: Trajectory, half_width_s: float | None = None, stamps:
 
     Without measured orientations there are no rotations; without a stated uncertainty there is none. TrajectoryError if no window is full.
     """
-    asked = half_width_s is not None
+    requested = half_width_s is not None
     half_width_s = HALF_WIDTH_S if half_width_s is None else half_width_s
     if not half_width_s > 0:
         raise TrajectoryError(message("error.half_width_of_the", half_width_s=half_width_s))
@@ -111,17 +111,17 @@ def motion_of(trajectory: Trajectory, half_width_s: float | None = None, stamps:
         given[placed, 3:] = (0.0, 0.0, 0.0, 1.0)
     stamps = stamps or stamps_of(trajectory)
     time_s = stamps.time_s
-    if (stamps.kind == "even" or not asked) and placed.sum() > 1:
+    if (stamps.kind == "even" or not requested) and placed.sum() > 1:
         # a window that ends at a sample holds it or not by the last digit of the period
         needed = FULL * float(np.median(np.diff(time_s[placed])))
-        half_width_s = max(half_width_s, needed) if asked or needed <= WIDEST_S else half_width_s
+        half_width_s = max(half_width_s, needed) if requested or needed <= WIDEST_S else half_width_s
     if half_width_s > (lasts := float(time_s[-1] - time_s[0])) > 0.0:
         raise TrajectoryError(message("error.motion_a_window_of", half_width_s=half_width_s, lasts=lasts))
     u = np.sqrt(np.einsum("nii->ni", trajectory.random))
     u[:, :3] += np.nan if not turned or "rotation" in trajectory.absent else 0.0
     u[:, 3:] += np.nan if "position" in trajectory.absent else 0.0
     parts = _parts(given, stamps.stretch)
-    if not asked:
+    if not requested:
         half_width_s = _chosen(time_s, given, u, stamps, parts, half_width_s)
     poses, derivatives, factors = _local_cubics(time_s, given, half_width_s, stamps.stretch)
     if np.isnan(poses[:, 0]).all():

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 SAMPLES = 10**6  # Of a recording, for which a sound one gives an alarm of a contradiction once in `SIGNIFICANCE`
 
 
-class Way(Protocol):
+class Follower(Protocol):
     """Follows a run, by a reconstruction."""
 
     reconstruction: Reconstruction
@@ -201,10 +201,10 @@ class LivePose:
         self._rig = rig if start is None else rig.zeroed_at(start)
         self._start, self._calibration, self._aside, self._unstated = start, calibration, aside, unstated
         self.learns = True
-        self._way = self._first_way()
+        self._way = self._first_follower()
         if start is not None and self._way is not None:
             self._way.step(0.0, np.full(len(self.channels), np.nan))
-            self._way = self._first_way()
+            self._way = self._first_follower()
         m = len(self.channels)
         self._time_s, self._recorded, self._n, self._next, self._learned = np.empty(FIRST), np.empty((FIRST, m)), 0, FIRST, 0
         self._found: tuple[AnyChannels | None, str, int] | None = None
@@ -228,7 +228,7 @@ class LivePose:
         if way is not None:
             way.step(1.0, np.full(len(self.channels), np.nan))
 
-    def _first_way(self) -> Way | None:
+    def _first_follower(self) -> Follower | None:
         """Return the way from the stated start."""
         if self._start is None:
             return None

@@ -284,16 +284,16 @@ class StreamedRun:
 
 def _counters(head: RunHead, rig: Rig) -> tuple[FloatArray, list[Message]]:
     """Return (m, `COUNTER_STATE`) counters at the beginning of the file, with rates from the whole of it where needed."""
-    fresh, asked, believed = np.zeros((len(rig.observed), COUNTER_STATE)), {}, {}
+    fresh, requested, believed = np.zeros((len(rig.observed), COUNTER_STATE)), {}, {}
     for j, c in enumerate(rig.observed):
         counter = rig.counter(c)
         full = 0.0 if counter.counter_bits is None else 2.0**counter.counter_bits
         if not counter.rate_stated and 0.0 < full / 2.0 < SURE_S * counter.rate:
-            asked[j] = RateEvidence(counter.rate, full)
-    for piece in read_counts_in_pieces(head.counts[0]) if asked else ():
-        for j, seen in asked.items():
+            requested[j] = RateEvidence(counter.rate, full)
+    for piece in read_counts_in_pieces(head.counts[0]) if requested else ():
+        for j, seen in requested.items():
             seen.add(piece.of(rig.observed[j].channel), piece.time_s)
-    for j, seen in asked.items():
+    for j, seen in requested.items():
         fresh[j, BELIEVED_AT] = seen.believed()
         if fresh[j, BELIEVED_AT]:
             c = rig.observed[j]

@@ -258,7 +258,7 @@ def beyond_first(rows: FloatArray, poses: FloatArray, *, G: FloatArray, F: Float
     rest = []
     for z in np.random.default_rng(0).standard_normal((DRAWS, k)):
         products = np.array([*(z[i] * z[j] for i, j in pairs), *((z**2 - 1.0) / np.sqrt(2.0)), 1.0])
-        asked = (A @ (F @ z)[:, :, None])[:, :, 0]
-        rest.append(motions((asked - changed(F @ z + second @ products))[:, :, None])[:, :, 0])
+        requested = (A @ (F @ z)[:, :, None])[:, :, 0]
+        rest.append(motions((requested - changed(F @ z + second @ products))[:, :, None])[:, :, 0])
     out[known] = np.concatenate([second, np.stack(rest, axis=2) / np.sqrt(DRAWS)], axis=2)
     return out

@@ -41,7 +41,7 @@ def test_table_4_lies_on_the_path() -> None:
     assert np.abs(link.residuals(path)).max() < 1e-10
     nearest = np.argmin(np.linalg.norm(path[:, None, :3] - TABLE_4, axis=2), axis=0)
     assert (np.diff(nearest) > 0).all() or (np.diff(nearest) < 0).all()
-    for k, stated, asked in zip(nearest, TABLE_4, start, strict=True):
+    for k, stated, requested in zip(nearest, TABLE_4, start, strict=True):
         at, way = path[k], link.tangent(path[k])
 
         def on_path(s: float, at: np.ndarray = at, way: np.ndarray = way) -> np.ndarray:
@@ -50,7 +50,7 @@ def test_table_4_lies_on_the_path() -> None:
         best = minimize_scalar(lambda s: float(np.linalg.norm(on_path(s)[:3] - stated)), bounds=(-0.4, 0.4), options={"xatol": 1e-7})  # noqa: B023
         assert best.fun < 7.5e-4
         # the body's axis points as it was asked to
-        assert se3.matrices(on_path(best.x))[:, 2] @ se3.matrices(asked)[:, 2] >= 0.99999
+        assert se3.matrices(on_path(best.x))[:, 2] @ se3.matrices(requested)[:, 2] >= 0.99999
 
 
 def test_phi_is_a_bad_driver() -> None:

@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
-from made_trajectories import StatedErrors, trajectory_of
 from numpy.typing import NDArray
+from synthetic_trajectories import StatedErrors, trajectory_of
 
 from lmeasure.iso9283 import CertificationSettings, evaluate
 from lmeasure.recording import Program

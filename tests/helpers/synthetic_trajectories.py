@@ -57,7 +57,7 @@ def dwells(places: FloatArray, rate_hz: float = 100.0) -> tuple[FloatArray, Floa
     return time_s, before[number] + part * (places[number] - before[number]), [(i + 0.5, i + 0.99) for i in range(k)]
 
 
-def made_campaign(
+def synthetic_campaign(
     offset: FloatArray, scatter: float, cycles: int = 30, seed: int = 1, names: tuple[str, ...] = ("P1", "P2")
 ) -> tuple[Any, Any]:
     """A trajectory of dwells at poses in turn, off by offset and scattered, and the program as a dictionary."""

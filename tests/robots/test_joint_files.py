@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.core import FloatArray, LMeasureError, se3
 from lmeasure.io import columns_of
 from lmeasure.rig import read_rig
-from lmeasure.robots import Settings, given, identify
+from lmeasure.robots import Settings, identify, read_robot_measurements
 from lmeasure.robots.identification.read_measurements import MeasurementFile, aligned
 from lmeasure.robots.robot import shipped
 from lmeasure.sensors import counts_from_poses
@@ -67,24 +67,26 @@ def test_rests_in_order_by_time_and_with_some_missing(tmp_path: Path) -> None:
     joints, time_s, poses, way = motion()
     there = trajectory(tmp_path / "t.csv", time_s, poses)
     ends = time_s[0] + np.arange(12) * (REST_S + MOVE_S) + 0.5 * REST_S
-    everything = given(there, table(tmp_path / "all.csv", joints), ROBOT, Stated())
+    everything = read_robot_measurements(there, table(tmp_path / "all.csv", joints), ROBOT, Stated())
     assert everything.rows.names == tuple(f"P{i + 1}" for i in range(12))
     assert [code for code, _ in codes(everything)] == ["rests"]
     assert everything.rows.covariance[0, 3, 3] == pytest.approx(1e-4)
     found = identify(ROBOT, everything.rows, Settings(("links",)))
     assert np.linalg.norm(found.nominal_errors_mm(), axis=1).max() < 0.01
     # a log of the controller, with times and no names
-    log = given(there, table(tmp_path / "log.csv", way[::3], names=[""] * len(way[::3]), time_s=time_s[::3]), ROBOT, Stated())
+    log = read_robot_measurements(
+        there, table(tmp_path / "log.csv", way[::3], names=[""] * len(way[::3]), time_s=time_s[::3]), ROBOT, Stated()
+    )
     assert log.rows.joints == pytest.approx(joints, abs=1e-9)
     # times of commands, some time before the robot came to rest
     few = [0, 1, 2, 4, 5, 7, 8, 9, 10, 11]
-    sparse = given(there, table(tmp_path / "few.csv", joints[few], time_s=ends[few] - 0.35), ROBOT, Stated())
+    sparse = read_robot_measurements(there, table(tmp_path / "few.csv", joints[few], time_s=ends[few] - 0.35), ROBOT, Stated())
     assert sparse.rows.joints == pytest.approx(joints[few])
     assert [round(float(of.split()[0])) for code, of in codes(sparse) if code == "unmatched"] == [3, 6]
     # no times: rests without a row and rows without a rest are told by the angles between them
     stranger = np.insert(joints[few], 6, np.radians([60.0, -90.0, 10.0, 80.0, -20.0, 0.0]), axis=0)
     names = [f"P{i + 1}" for i in few]
-    lost = given(there, table(tmp_path / "lost.csv", stranger, names=[*names[:6], "never", *names[6:]]), ROBOT, Stated())
+    lost = read_robot_measurements(there, table(tmp_path / "lost.csv", stranger, names=[*names[:6], "never", *names[6:]]), ROBOT, Stated())
     assert lost.rows.names == tuple(names)
     assert [of for code, of in codes(lost) if code == "unmatched"][2:] == ["never"]
     assert {note.said.text("ru")[:3] for note in lost.notes} == {"ори", "ост", "для", "стр"}
@@ -93,15 +95,15 @@ def test_rests_in_order_by_time_and_with_some_missing(tmp_path: Path) -> None:
 def test_places_alone_ask_for_times_where_numbers_differ(tmp_path: Path) -> None:
     joints, time_s, poses, _ = motion()
     there = trajectory(tmp_path / "t.csv", time_s, poses, oriented=False)
-    assert len(given(there, table(tmp_path / "all.csv", joints), ROBOT, Stated()).rows) == 12
+    assert len(read_robot_measurements(there, table(tmp_path / "all.csv", joints), ROBOT, Stated()).rows) == 12
     with pytest.raises(LMeasureError, match=r"has 11 rows, but the trajectory has 12 rests without orientations, .* Add a column time_s"):
-        given(there, table(tmp_path / "some.csv", joints[1:]), ROBOT, Stated())
+        read_robot_measurements(there, table(tmp_path / "some.csv", joints[1:]), ROBOT, Stated())
     with pytest.raises(LMeasureError, match="State the joint values at its rests with --joints FILE"):
-        given(Path("t.tum"), None, ROBOT, Stated())
+        read_robot_measurements(Path("t.tum"), None, ROBOT, Stated())
     with pytest.raises(LMeasureError, match=r"late.csv: only 0 of 12 rests of the trajectory belong to one of its 12 rows. .* times"):
-        given(there, table(tmp_path / "late.csv", joints, time_s=1e3 + np.arange(12.0)), ROBOT, Stated())
+        read_robot_measurements(there, table(tmp_path / "late.csv", joints, time_s=1e3 + np.arange(12.0)), ROBOT, Stated())
     with pytest.raises(LMeasureError, match="its time is before that of the row before"):
-        given(there, table(tmp_path / "back.csv", joints, time_s=-np.arange(12.0)), ROBOT, Stated())
+        read_robot_measurements(there, table(tmp_path / "back.csv", joints, time_s=-np.arange(12.0)), ROBOT, Stated())
 
 
 def test_an_alignment_is_the_best_of_all_by_brute_force() -> None:
@@ -124,7 +126,7 @@ def test_a_run_keeps_what_its_rests_share_apart(tmp_path: Path) -> None:
     (run / "pass1.csv").write_text("\n".join([",".join(head), *rows]) + "\n", encoding="utf-8")
     start = '[start]\nposition_mm = [0.0, 0.0, 0.0]\nquaternion_xyzw = [0.0, 0.0, 0.0, 1.0]\n[[pass]]\ncounts = "pass1.csv"\n'
     (run / "run.toml").write_text('schema = "lmeasure.run/1"\nrig = "rig.toml"\n' + start, encoding="utf-8")
-    got = given(run, table(tmp_path / "joints.csv", joints), ROBOT, Stated())
+    got = read_robot_measurements(run, table(tmp_path / "joints.csv", joints), ROBOT, Stated())
     assert len(got.rows) == 12
     shared = got.rows.systematic
     assert shared.shape == (12, 6, 7)  # where each drum was zeroed, at a start of a typical size, and the temperature that nobody stated
@@ -198,7 +200,7 @@ def test_markers_are_a_body_with_the_uncertainty_that_they_scatter_by(tmp_path: 
 def test_markers_of_a_robot_at_its_rests(tmp_path: Path) -> None:
     joints, _, poses, _ = motion()
     path = marked(tmp_path / "m.tsv", body_places(poses, np.random.default_rng(2), 0.02))
-    got = given(path, table(tmp_path / "j.csv", joints), ROBOT, Stated())
+    got = read_robot_measurements(path, table(tmp_path / "j.csv", joints), ROBOT, Stated())
     assert got.rows.stated == (True, True)
     found = identify(ROBOT, got.rows)
     assert np.linalg.norm(found.nominal_errors_mm(), axis=1).max() < 0.05
@@ -250,11 +252,13 @@ def test_points_of_a_tracker_find_their_joint_values_by_name(tmp_path: Path) -> 
     lines += [f"A::Main;P{i + 1};" + ";".join(f"{v / 25.4:.6f}".replace(".", ",") for v in places[i]) for i in order]
     path = tmp_path / "points.csv"
     path.write_bytes(("\r\n".join([*lines, "A::Main;P99;1,0;2,0;3,0"]) + "\r\n").encode("cp1252"))
-    got = given(
+    got = read_robot_measurements(
         path, table(tmp_path / "j.csv", joints[:11]), ROBOT, Stated(columns_of("name=Point,x=X [in][in],y=Y [in][in],z=Z [in][in]"))
     )
     assert got.rows.names == tuple(f"P{i + 1}" for i in range(11))
     assert got.rows.position == pytest.approx(places[:11], abs=1e-4)
     assert sorted(of for code, of in codes(got) if code == "unmatched") == ["P12", "P99"]
     with pytest.raises(LMeasureError, match="name 'P1' is given 2 times"):
-        given(path, table(tmp_path / "twice.csv", joints[:2], names=["P1", "P1"]), ROBOT, Stated(columns_of("name=Point")))
+        read_robot_measurements(
+            path, table(tmp_path / "twice.csv", joints[:2], names=["P1", "P1"]), ROBOT, Stated(columns_of("name=Point"))
+        )

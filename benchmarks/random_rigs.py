@@ -1,6 +1,6 @@
 """Sound runs of drawn rigs, of drums and encoders of every kind: are they used whole, and do their poses err as stated?
 
-    python benchmarks/drawn_rigs.py --rigs 200 --keep rigs.jsonl [--write]     (goes on from what is kept)
+    python benchmarks/random_rigs.py --rigs 200 --keep rigs.jsonl [--write]     (goes on from what is kept)
 
 Each draw is a rig of three to nine drums anywhere around, over, below or beside the tool, with one to six attachment points at each of
 which cables may meet, pulleys of 0 to 60 mm, some parts that are not as drawn and stated so, and swivel encoders and inclinometers of which
@@ -41,7 +41,7 @@ GROUPS = ("redundant, zeros known", "redundant, zeros about or unknown", "as man
 
 
 @dataclass(frozen=True)
-class Drawn:
+class RunResult:
     """What became of a run; square: of a sample's error in units of its covariance, NaN without one; error and u [mm] of its place."""
 
     number: int
@@ -139,7 +139,7 @@ def true_rig(stated: dict[str, Any], rng: np.random.Generator) -> Rig:
     return rig_from_dict(stated | {kind: [drawn(e) for e in stated[kind]] for kind in ("swivel", "inclination") if kind in stated})
 
 
-def draw(number: int) -> Drawn | None:
+def draw(number: int) -> RunResult | None:
     """One run, or None where the drawn rig is none, or cannot make the motion."""
     rng = np.random.default_rng([number, 78])
     stated = drawn_rig(rng)
@@ -159,10 +159,10 @@ def draw(number: int) -> Drawn | None:
     of_start: dict[str, Any] = {"exact": {"start": poses[0]}, "about": {"start": near, "u_start": U_START}, "none": {"start": None}}[start]
     rough = any(e.get("absolute", True) and e.get("u_zero_deg", 9.0) >= 1.0 for e in angles)
     group = GROUPS[2 if len(rig.observed) == CABLES_FOR_A_POSE else int(rough)]
-    return _judged(replace(run, rig=rig, **of_start), poses, Drawn(number, group, start, "", np.nan, np.nan, np.nan, ""))
+    return _judged(replace(run, rig=rig, **of_start), poses, RunResult(number, group, start, "", np.nan, np.nan, np.nan, ""))
 
 
-def _judged(run: Run, poses: FloatArray, as_drawn: Drawn) -> Drawn:
+def _judged(run: Run, poses: FloatArray, as_drawn: RunResult) -> RunResult:
     try:
         found = reconstruct(run)
         good = np.flatnonzero(found.status == Status.OK)
@@ -185,7 +185,7 @@ def _judged(run: Run, poses: FloatArray, as_drawn: Drawn) -> Drawn:
     return replace(as_drawn, end=end, square=square, error_mm=float(np.linalg.norm(error[3:])), u_mm=u_mm)
 
 
-def table(every: list[Drawn]) -> str:
+def table(every: list[RunResult]) -> str:
     """The page of results."""
     lines = ["# Sound runs of drawn rigs", "", (__doc__ or "").split("\n\n")[2].strip(), ""]
     lines += [f"| channels | start | runs | {' | '.join(ENDS)} | held |", "|---|---|---|" + "---|" * (len(ENDS) + 1)]
@@ -209,7 +209,7 @@ def table(every: list[Drawn]) -> str:
     return "\n".join([*lines, ""])
 
 
-STUDY = Study("drawn_rigs", draw, table, "rigs", 200, record=Drawn)
+STUDY = Study("random_rigs", draw, table, "rigs", 200, record=RunResult)
 
 if __name__ == "__main__":
     sys.exit(STUDY.command(__doc__))
