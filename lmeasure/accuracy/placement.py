@@ -29,14 +29,14 @@ SCHEMA = "lmeasure.placement/1"
 POPULATION = 90
 SAMPLE_BITS = 10  # of the Sobol sample from which a population is taken
 ROUNDS = 8  # searches from other samples; one may settle a few degrees above another
-FINALISTS = 3  # of which the best go on within the mounting tolerance
+FINALISTS = 3  # best candidates that continue with the mounting tolerance
 ROBUST_BITS = 4
 GENERATIONS = 2000
 EVOLUTION: dict[str, Any] = {"mutation": (0.4, 0.9), "recombination": 0.85, "tol": 1e-4, "polish": False}
 EVOLUTION |= {"vectorized": True, "updating": "deferred"}
 LOCAL_CALLS = 2000
 BROKEN_MM = 0.1  # of a rule that the search may leave to rounding and to the fitter
-BROKEN_PER_MM = 0.02  # cost of a millimetre across a rule: ten times what a millimetre can win [rad, or relative radius]
+BROKEN_PER_MM = 0.02  # cost of a millimetre across a rule: ten times the largest gain of a millimetre [rad, or relative radius]
 
 
 class Box(Strict):

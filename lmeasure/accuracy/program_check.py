@@ -57,7 +57,7 @@ def guard(
     out = []
     for name, points, turns in places:
         plan = make_plan(rig, calibration, points, turns, start=start)
-        # drums and orientation are those of each place: a path says there what a pose says
+        # each position has the drums and orientation of a pose there
         own = np.broadcast_to(plan.quaternions, (len(points), 4))
         found = [run(at_pose(plan, rig, calibration, np.concatenate([points[i], own[i]])), workers=1) for i in range(len(points))]
         both = np.hstack([f for f, _ in found]), np.hstack([flags for _, flags in found])
@@ -101,9 +101,9 @@ def guard_columns(parts: list[Part]) -> dict[str, Any]:
 
 MARGIN = 1e-6  # of the limits' scale: a path on a limit is not called beyond it for its rounding
 INSIDE = 1e-8  # of the limits' scale: an end that moves keeps them by so much more
-SIDES = 8  # of the polygon about a path that stands for all planes of its weave
+SIDES = 8  # sides of the polygon about a path that represents all planes of its weave
 SETTLED = 5e-7  # of the limits' scale: as little as a path that turns may miss the margin by
-ROUNDS = 12  # in which the rotation along a path that is led around settles
+ROUNDS = 12  # largest number of rounds until the rotation along a detour settles
 
 
 @dataclass(frozen=True)

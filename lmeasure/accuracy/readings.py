@@ -137,7 +137,7 @@ def determined(readings: Readings, poses: FloatArray) -> Determined:
     runs = np.isfinite(values).all(axis=1) & np.isfinite(A).all(axis=(1, 2))
     size = kernels.platform_size(rows)
     scaled = A / np.repeat([size, 1.0], 3)
-    # an angle in the lengths by which it is seen
+    # an angle, converted to lengths at the attachment points
     force = np.linalg.norm(A[:, :, 3:], axis=2)
     looks = ~(force <= TURNS_ALONE * np.linalg.norm(A[:, :, :3], axis=2))
     seen = np.where(looks, force, 1.0 / size)
@@ -179,7 +179,7 @@ def faults_at(readings: Readings, found: Determined) -> tuple[Faults, FloatArray
     found."""
     m = len(readings.rows)
     S = readings.V + np.diag(readings.drums) + found.L @ np.swapaxes(found.L, 1, 2)
-    # angles and lengths as multiples of what they scatter by
+    # angles and lengths in units of their standard deviations
     unit = np.sqrt(np.diag(readings.V))
     root = np.linalg.inv(np.linalg.cholesky(S / np.outer(unit, unit)))
     white = root @ (found.A / unit[:, None] / np.linalg.norm(found.A / unit[:, None], axis=1, keepdims=True))

@@ -58,7 +58,7 @@ class Plan:
     bodies: FloatArray
     order: IntArray
     nodes_per_chunk: int
-    channels: Readings | None = None  # All readings of a rig with encoders, which tell the pose together
+    channels: Readings | None = None  # All readings of a rig with encoders, which determine the pose together
 
     @property
     def six(self) -> bool:
@@ -126,7 +126,7 @@ def scan_positions(plan: Plan, positions: FloatArray) -> tuple[FloatArray, IntAr
     figures, left = figures[:, :count], left[:count]
     low, high = figures[kernels.DET_LOW].copy(), figures[kernels.DET_HIGH].copy()
     if len(order) == kernels.CABLES and _swaps(order) % 2 == 0:
-        # the lanes' rows stand as (e ; arm x e): three columns exchanged with three change the sign; so does an odd order
+        # the rows of the lanes are (e ; arm x e): swapping three columns with three changes the sign, and so does an odd order
         figures[kernels.DET_LOW], figures[kernels.DET_HIGH] = -high, -low
     flags = np.zeros(count, np.int64)
     if left.any():
@@ -146,7 +146,7 @@ def _linked(plan: Plan, order: IntArray) -> kernels.Linked | None:
     factor = np.ascontiguousarray(plan.factor.reshape(m, kernels.WIDTH, columns)[order])
     roots, begun, both = kernels.roots_by_cable(factor, kernels.length_gradients(cables, start, np.zeros((1, m)), scales)[0])
     blocks, by_block = np.ascontiguousarray(_in_blocks(roots)), np.ascontiguousarray(_in_blocks(both))
-    # of one function of one library: NumPy's own sine is another one on another processor
+    # Python's sine, because NumPy's differs between processors
     angles = [(math.sin(a), math.cos(a), math.sin(b), math.cos(b)) for a, b in cables[:, kernels.ALPHA : kernels.BETA + 1].tolist()]
     return kernels.Linked(
         roots=blocks,
@@ -248,7 +248,7 @@ def _cluster(plan: Plan, numbers: list[int], scheduler: str) -> Iterator[tuple[i
 
 
 def _numbered_chunk(part: Plan, number: int) -> tuple[int, tuple[FloatArray, IntArray]]:
-    # what comes over the wire is read-only, for which the kernels would be compiled once more
+    # received arrays are read-only, and the kernels would be compiled again for them
     arrays: dict[str, Any] = {
         field.name: value.copy() for field in fields(part) if isinstance(value := getattr(part, field.name), np.ndarray)
     }

@@ -12,7 +12,7 @@ from lmeasure.trajectory import FULL, WIDEST_S, Motion, Trajectory, motion_of
 
 MOST_ROWS = 12_000
 MOST_STRETCHES = 2_000  # Of a status; more of them lie so close together that a picture shows them as one
-AXIS_95 = 1.959963984540054  # Half width, in standard uncertainties, of what holds 95 % of a normal coordinate
+AXIS_95 = 1.959963984540054  # Half width of the 95 % interval of a normal coordinate, in standard uncertainties
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,7 @@ def _judged(low: FloatArray, size: FloatArray, parts: int, ask: Callable[[FloatA
 
 MAX_NODES = 100_000_000
 MAX_ORIENTATIONS = 100_000
-SAMPLED = 500  # poses of a scan at which what cannot be carried from node to node is worked out
+SAMPLED = 500  # poses of a scan with a computation of their own, where a result cannot be carried from node to node
 
 
 def axis(start: float, stop: float, step: float) -> FloatArray:
@@ -350,7 +350,7 @@ def drum_variance(
     calibration. It is the mean over poses of the scan: drum and pulley may turn many times from the start to a pose. Correlations with
     guides and points in the calibration are ignored, which makes it larger."""
     effects = sensors.Unsolved(rig, sensors.of_record(rig, calibration))
-    # of play that is known, nobody knows where in its band a counter was zeroed
+    # the position within the band of known play at zeroing is unknown
     known = sensors.every_part(rig, rig.cable).values[:, sensors.PLAY] * rig.cable_rows()[:, COUNT_LENGTH] / rig.scales()
     if not effects:
         return np.asarray(known**2)
@@ -469,7 +469,9 @@ def _spacing(axes: Sequence[FloatArray], given: tuple[float, float, float] | Non
 
 
 NODES = 20  # About how many steps the longest side has
-FLATTEST = 0.5  # Of its longest side: what another one is at least. Points on one wall or ceiling leave the tool room before it and behind
+FLATTEST = (
+    0.5  # Least side of the box, relative to its longest one. Points on one wall or ceiling leave the tool room on both sides
+)
 LEAST_MM = 1000.0  # The longest side at least
 
 Range = tuple[float, float, float]

@@ -63,7 +63,7 @@ def _largest_ball(inside: BoolArray, axes: list[FloatArray], spacing: FloatArray
     """Centre and radius of the largest ball about a node that holds no node outside the zone and stays within the scanned box."""
     if not inside.any() or not (spacing > 0).all():
         return None
-    # what was not scanned is not in the zone: one layer outside
+    # nodes that were not scanned are outside the zone: one layer around the box
     distance = scipy.ndimage.distance_transform_edt(np.pad(inside, 1), sampling=spacing)[1:-1, 1:-1, 1:-1] - 0.0
     best = np.unravel_index(int(np.argmax(distance)), inside.shape)
     centre = _at(axes, np.array(best))
@@ -133,7 +133,7 @@ def zone_surface(zone: "xr.Dataset") -> tuple[FloatArray, IntArray]:
     inside = np.pad(zone["in_zone"].transpose("x", "y", "z").to_numpy() == 1, 1)
     angle = np.pad(zone["worst_pressure_angle_deg"].transpose("x", "y", "z").to_numpy().astype(np.float64), 1, constant_values=np.nan)
     left = float(zone.attrs["limit_deg"]) - angle
-    # nodes that another limit keeps out do not tell where the edge passes; the layer around the box stands on its face
+    # nodes excluded by another limit do not show the edge; the layer around the box is on its face
     left = np.where(inside == (left >= 0.0), left, np.nan)
     axes = [np.pad(zone[name].to_numpy().astype(np.float64), 1, mode="edge") for name in "xyz"]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)

@@ -93,7 +93,7 @@ class Counting:
         """The samples that frames complete."""
         self.frames += len(frames)
         self._heard, self._newest_s = time.monotonic(), float(frames.time_s[-1])
-        if not self.samples:  # why none comes; afterwards nobody asks
+        if not self.samples:  # the reason for no samples; it has no use later
             self.bus.feed(frames)
         self._latency = time.time() - float(frames.time_s[-1])
         return self.assembler.feed(frames)
@@ -366,7 +366,7 @@ def record(
                     break
                 if show is not None:
                     show(writer.progress(time.monotonic() - begin))
-        writer.take(0.0)  # what has come by now
+        writer.take(0.0)  # frames received so far
         if show is not None:
             show(writer.progress(time.monotonic() - begin))
     except LMeasureError as error:
@@ -534,7 +534,7 @@ class _Writer:
         events, origin = self.counting.assembler.events, self.counting.origin
         gaps = {c: n for c in counts.channels if (n := int(np.isnan(counts.of(c)).sum()))}
         result = Recording(self.folder, ended, self.counting.frames, len(counts.time_s), seconds, dict(events.tally), closure, gaps)
-        with contextlib.suppress(OSError, LMeasureError):  # a full disk: run.toml goes on saying that it ended early
+        with contextlib.suppress(OSError, LMeasureError):  # on a full disk, run.toml keeps stating an early end
             marked = mark_stalls(self.rig, counts, events, self.passage, origin_s=origin or 0.0)
             if marked is not None:
                 write_counts(path, marked)
@@ -557,7 +557,7 @@ class _Writer:
                 entry["stamps_brought_back_s"] = self.counting.assembler.stamps_moved_s
             if ended != "complete":
                 entry["why"] = ended
-            # what was stated meanwhile, by a page or an editor, is kept
+            # keep statements that a page or an editor made meanwhile
             now = files.read_toml(self.folder / "run.toml")
             stated = {key: now[key] for key in ("start", "unstated", "temperature_c") if key in now}
             files.write_toml(self.folder / "run.toml", self._table | stated)

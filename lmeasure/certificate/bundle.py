@@ -160,7 +160,7 @@ def copy_into(folder: Path, copies: dict[str, Path]) -> None:
         try:
             shutil.copyfile(source, target)
         except OSError:
-            files.read_bytes(source)  # says so where it was this one of the two
+            files.read_bytes(source)  # raises an error if this file was the missing one
             raise
         except ValueError as error:
             raise CertificationError(message("error.cannot_be_copied", where=source, error=error)) from error
@@ -253,7 +253,7 @@ def _manifest(text: bytes) -> dict[str, Any] | None:
         if content["schema"] != SCHEMA or digest(content) != stated or canonical(content | {"sha256": stated}) != text:
             return None
         names = [entry["file"] for entry in content["files"]]
-        # each file once, and never what stands beside the manifest
+        # each file once, and never the files beside the manifest
         if set(content) != {"schema", "certificate", "files"} or names != sorted(set(names)) or {MANIFEST, SIGNATURE} & set(names):
             return None
         for entry in content["files"]:
@@ -366,7 +366,7 @@ def _extract(path: Path, folder: Path) -> list[str]:
         names = [safe_name(info.filename) for info in archive.infolist()]
         if names != sorted(set(names)):
             raise CertificationError(message("error.was_changed_its_files", where=path))
-        # stored only: what it unpacks to can be no larger than itself
+        # stored only, so that unpacked data cannot be larger than the zip
         if any(info.compress_type != zipfile.ZIP_STORED for info in archive.infolist()):
             raise CertificationError(message("error.was_changed_its_files_are", where=path))
         unpack(archive, folder)

@@ -228,7 +228,7 @@ def _parts(figure: dict[str, Any]) -> tuple[float, float, float]:
 
 def _u95_of_difference(a: dict[str, Any], b: dict[str, Any], shared: bool) -> float:
     (ra, sa, ka), (rb, sb, kb) = _parts(a), _parts(b)
-    # what one calibration errs by it errs by in both: only its change from pose to pose is left
+    # errors of one calibration are in both: only their change from pose to pose remains
     systematic = abs(sa - sb) if shared else math.hypot(sa, sb)
     return max(ka, kb) * math.hypot(ra, rb, systematic)
 

@@ -78,7 +78,7 @@ def dcc_xml(certificate: dict[str, Any], xsd: Path | None = None) -> bytes:
 
 def check_xml(content: bytes, xsd: Path) -> None:
     """Hold XML against an XSD; schemas it includes are read from beside it, never from a network."""
-    files.read_bytes(xsd)  # says when it cannot be read
+    files.read_bytes(xsd)  # raises an error if it cannot be read
     parser = etree.XMLParser(no_network=True, resolve_entities=False)
     try:
         schema = etree.XMLSchema(etree.parse(str(xsd), parser))
@@ -97,7 +97,7 @@ def _add(parent: Any, name: str, text: object = None) -> Any:
     return child
 
 
-# what XML 1.0 cannot hold at all, not even escaped
+# characters that XML 1.0 cannot contain, not even escaped
 _FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -371,7 +371,7 @@ def read_dcc(path: Path) -> Dcc:
         own = named(result, "dcc:name")
         for quantity in result.iterfind(".//dcc:quantity", {"dcc": DCC}):
             stated = (one for tag in ("real", "realListXMLList") for one in quantity.iter(f"{{{SI}}}{tag}"))
-            # what a hybrid states besides is the same in other units
+            # a hybrid states the same value in other units
             if (real := next(stated, None)) is None:
                 continue
             suffix = "XMLList" if real.tag.endswith("XMLList") else ""

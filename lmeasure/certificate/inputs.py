@@ -283,11 +283,11 @@ def _without_log(found: Evaluation) -> tuple[Message, ...]:
 
 
 def _systematic(run: Run) -> str | None:
-    # the start pose, clocks of passes and the temperature err anew in every run
+    # errors of the start pose, clocks of passes and temperature differ from run to run
     of_run = any(run.start_errors.u) or run.rig.passes > 1 or run.temperature_c is not None or run.unstated == "typical"
     if run.calibration is None or of_run:
         return None
-    # drums and pulleys stand otherwise in every run
+    # angles of drums and pulleys differ from run to run
     if unsolved_stated(run.rig, kinds=OTHERS):
         return None
     return digest([run.rig.model_dump(mode="json"), run.calibration.model_dump(mode="json")])

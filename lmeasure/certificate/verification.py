@@ -29,7 +29,7 @@ def with_u95(value: float, u95: float) -> tuple[str, str]:
     if decimals < 0:
         step = 10.0**-decimals
         return f"{round(value / step) * step:.0f}", f"{round(u95 / step) * step:.0f}"
-    # + 0.0: what rounds to zero has no sign
+    # + 0.0: a value that rounds to zero has no sign
     return f"{round(value, decimals) + 0.0:.{decimals}f}", f"{u95:.{decimals}f}"
 
 
@@ -175,7 +175,7 @@ def _steps(a: Any, b: Any, where: str, size: float) -> Iterator[_Step]:
             own = 100.0 if key == "share_percent" else size / abs(b["u"] or 1.0) if key == "sensitivity" else size
             yield from _steps(a[key], b[key], f"{where}.{key}", own)
     elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
-        if "covariance" in where:  # what is not on its diagonal may be zero but for rounding
+        if "covariance" in where:  # off-diagonal values may be zero apart from rounding
             size = max([size, *(abs(v) for v in _numbers(b))])
         for i, (x, y) in enumerate(zip(a, b, strict=True)):
             yield from _steps(x, y, f"{where}[{i}]", size)
@@ -399,7 +399,7 @@ def _page(
                 return [], [message("verification.by_text", name=name)]
         except ValueError as error:
             return [Difference(name, message("verification.unreadable", why=str(error)))], []
-    # other sources may say the same in other words: no difference, but nothing that was compared
+    # sources of another version may have other texts: not a difference, but not compared either
     if any(key in own for key in PROGRAM):
         return [], why_not
     return [Difference(name, message("verification.other_print"))], []

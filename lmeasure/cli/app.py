@@ -198,10 +198,10 @@ def _end(code: "int | str | None", *texts: str, printed: str = "") -> NoReturn:
 
             if machine.enabled():
                 print(machine.written(machine.of_error(code, lines or [printed])))
-        if sys.stdout is not None:  # closed by whoever called
+        if sys.stdout is not None:  # closed by the caller
             sys.stdout.flush()
     except OSError as error:
-        # the interpreter would try again at its end, and say so in its own way
+        # otherwise the interpreter tries again at its end and prints its own error
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not lines:
             from lmeasure.io import os_reason

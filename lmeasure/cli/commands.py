@@ -41,9 +41,9 @@ def command(name: str) -> Any:
     def invoke(**given: Any) -> None:
         as_json, quiet, verbose = (given.pop(name) for name in OF_ALL)
         try:
-            # what was not typed is None, or empty where an option may be repeated
+            # an omitted option is None, or empty if it may be repeated
             settings = workflow.settings.model_validate({key: value for key, value in given.items() if value is not None and value != []})
-            # a face talks to a person: beside JSON, on standard error
+            # text for people goes to standard error beside JSON
             with events.tied(name), reported_compiling(), contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
                 result = (quietly if quiet and face in SILENT else face)(workflow, settings)
         except SettingsError as error:

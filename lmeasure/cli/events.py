@@ -82,7 +82,7 @@ def _end_with_input() -> None:
     if os.name == "nt":
         signal.raise_signal(signal.SIGINT)
     else:
-        os.kill(os.getpid(), signal.SIGINT)  # also wakes what waits for a bus
+        os.kill(os.getpid(), signal.SIGINT)  # also wakes a thread that waits for a bus
 
 
 def live(state: "State", pose: "PoseWatch | str") -> None:

@@ -90,7 +90,7 @@ def answered(control: socket.socket) -> Command | None:
 
 
 def _tell(reported: socket.socket, number: int) -> None:
-    with contextlib.suppress(OSError):  # whoever asked is gone
+    with contextlib.suppress(OSError):  # the client has gone
         reported.sendall(b"%d\n" % number)
 
 
@@ -125,7 +125,7 @@ def become(command: Command) -> NoReturn:
 def main() -> None:
     """Load, report it, and answer until the requesting process is gone; end at once if threads make forking unsafe."""
     end_at_once()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for those who work
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the working processes
     with socket.socket(fileno=int(sys.argv[1])) as control:
         control.set_inheritable(False)
         load()

@@ -26,7 +26,7 @@ def _records(self: Any, ctx: Any) -> dict[str, list[tuple[str, str]]]:
         name, text = record
         if one.param_type_name == "argument":
             name = name.partition(" ")[0]  # without the kind of value behind its name
-        # what stands in brackets behind the text is typer's
+        # typer adds the brackets behind the text
         help_text = one.help or ""
         behind = text.removeprefix(help_text)
         for mark in ("required", "default"):

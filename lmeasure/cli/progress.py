@@ -262,7 +262,7 @@ def questions(workflow: "Workflow", settings: "CommandSettings") -> "Result":
             while True:
                 lines = keys.typed()
                 if alone and lines and time.monotonic() - keys.waited_s < begun + JUST_BEGUN_S:
-                    lines = []  # it was typed for the step before, which has gone on by itself
+                    lines = []  # typed for the previous step, which has continued by itself
                 elif alone and lines and not finished.moved and not warned:
                     warned = True
                     say(word("cli.nothing_moved"))
@@ -300,7 +300,7 @@ def capturing(workflow: "Workflow", settings: "CommandSettings") -> "Result":
                 events.captured(session)
 
         def progress(fraction: float, text: str) -> None:
-            if events.enabled() and keys.gone:  # whoever asked for it: it ends as by Ctrl-C
+            if events.enabled() and keys.gone:  # the caller has gone: end as by Ctrl-C
                 raise CancelledError
 
         if on_terminal or events.enabled():

@@ -36,7 +36,7 @@ class OtherTimes:
         inside = np.flatnonzero(~self.outside & ~self._at_left & ~self._at_right)
         self.in_hole = np.zeros(len(at_s), np.bool_)
         self.in_hole[inside] = ~self._whole[self._left[inside]]
-        # what is read between two samples, of which the cubic ones have two more about them and weights (4, c)
+        # readings between two samples; the cubic ones have two more around them and weights (4, c)
         self._inside = inside = inside[~self.in_hole[inside]]
         self._step, self._f, self._h = step, f[inside], step[self._left[inside]]
         about = np.flatnonzero((self._left[inside] > 0) & (right[inside] < k - 1))
@@ -85,7 +85,7 @@ class OtherTimes:
         rest = np.delete(np.arange(len(inside)), c)
         sizes = np.maximum(np.abs(bend) - rounding, 0.0)
         sides = np.stack([sizes[left[rest]], sizes[left[rest] + 1]])
-        # where one side alone is known it stands for both; where none is, the most that the samples bend anywhere
+        # if one side is known it counts for both; if none is, the largest curvature of all samples
         sides = np.where(np.isnan(sides), sides[::-1], sides)
         size = np.where(np.isnan(sides[0]), np.fmax.reduce(sizes, initial=0.0), sides.mean(axis=0))
         missed[inside[rest]] = size * h2[rest] * f[rest] * (1.0 - f[rest]) / 2.0

@@ -9,8 +9,8 @@ import numpy as np
 
 from lmeasure.core.arrays import FloatArray
 
-NOTHING = 1e-14  # Of the largest eigenvalue: what is less is rounding
-SAME = 1e-12  # One less the correlation from which two parameters are one that stands twice
+NOTHING = 1e-14  # Relative to the largest eigenvalue: smaller ones are rounding
+SAME = 1e-12  # 1 minus the correlation from which two parameters count as one
 
 
 def symmetric_root(covariance: FloatArray) -> FloatArray:
@@ -46,6 +46,6 @@ def covariance_root(covariance: FloatArray, width: FloatArray) -> FloatArray:
     own = root[uncertain] / sigma[uncertain, None]
     alike = np.abs(own @ own.T) > 1.0 - SAME
     first = ~np.tril(alike, -1).any(axis=1)
-    # rows that are one variable are multiples of one row, and so are the columns of a symmetric matrix
+    # rows of one variable are multiples of one row, and so are columns of a symmetric matrix
     times = np.sqrt((alike[first] * sigma[uncertain] ** 2).sum(axis=1)) / sigma[uncertain[first]]
     return np.ascontiguousarray(unit[:, None] * root[:, uncertain[first]] * times)

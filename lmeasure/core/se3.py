@@ -98,7 +98,7 @@ def left_jacobians(turns: FloatArray) -> FloatArray:
     """(..., 3, 3) of rotation vectors (..., 3): Exp(a + da) = Exp(J da) Exp(a) to first order."""
     angle = np.linalg.norm(turns, axis=-1)[..., None, None]
     K = np.cross(turns[..., None, :], np.eye(3)).swapaxes(-1, -2)
-    # what cancels in (angle - sin angle)/angle^3 is multiplied by the angle's square, and nothing of a double is lost
+    # the cancellation in (angle - sin angle)/angle^3 is multiplied by the angle's square, so no digits are lost
     third = (1.0 - np.sinc(angle / np.pi)) / np.where(angle > 1e-100, angle**2, 1.0)
     return np.asarray(np.eye(3) + 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * K + third * (K @ K))
 

@@ -164,7 +164,7 @@ def demo(out: Path, progress: Progress | None = None, seed: int = 0) -> Demo:
     path = smooth_path(HOME, [Leg(p, SPEED_MM_S, 1.0, DWELL_S) for p in waypoints], RUN_RATE_HZ)
     moved = simulate_run(true, *path, noise_mm=0.0, rng=rng)
     recorded = record_motion(moved, report)
-    # what follows knows the calibrated rig only
+    # the next steps use the calibrated rig only
     write_run(out / "run", replace(recorded, rig=calibration.rig, calibration=calibration.record))
     columns = {"time_s": recorded.passes[0].time_s}
     columns |= dict(zip((*POSITION_COLUMNS, *QUATERNION_COLUMNS), moved.poses.T, strict=True))

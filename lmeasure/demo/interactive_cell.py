@@ -157,7 +157,7 @@ class PlayedCell:
 
     def _let(self, name: str) -> str:
         j = self._channel(name)
-        held = self._pulled if self._pulled[j] else self._turned  # a turn from before stays: only what was pulled comes back
+        held = self._pulled if self._pulled[j] else self._turned  # an earlier turn stays: only the pull returns
         self._move_hand(j, -float(held[j]))
         held[j] = 0.0
         return message("demo.let_back", name=name)
@@ -196,7 +196,7 @@ class PlayedCell:
         return message("demo.robot_goes_pose", name=name)
 
     def _go(self, pose: FloatArray) -> None:
-        for j in np.flatnonzero(self._turned):  # nobody holds a drum any more: its spring winds the loose cable up
+        for j in np.flatnonzero(self._turned):  # no hand holds a drum any more: its spring winds up the loose cable
             self._move_hand(int(j), -float(self._turned[j]))
         self._turned[:] = 0.0
         self._follow(smooth_path(self._here, [Leg(pose, SPEED_MM_S, TURN_RAD_S, REST_S)], self._rate_hz)[1])

@@ -17,8 +17,8 @@ from lmeasure.core import FloatArray, IntArray
 from lmeasure.estimation.problem import Fit, Problem
 
 MIN_FREEDOM = 3  # degrees of freedom that must be left for an F test to mean something
-LEFT = 1e-3  # of a group's least variance: what is counted at least of what the fit has left of it
-UNTOLD = 1e10  # times less than they say by themselves the rest must leave of residuals that it cannot do without
+LEFT = 1e-3  # least part of a group's smallest variance that remains after the fit
+UNTOLD = 1e10  # ratio of information with and without the rest, from which residuals are indispensable
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class Deletion(Remainder):
             left = np.linalg.inv(L) - Q @ np.linalg.solve(L.T, Q).T
             self._P = np.asarray(left.T @ left, dtype=np.float64)
             self._seen = self._P @ fit.residuals
-            # what of the residuals the fit could take away and did not: none at an optimum
+            # part of the residuals that the fit could still remove: zero at an optimum
             self._astray = fit.residuals - fit.V @ self._seen
         self._alone = np.asarray(np.linalg.inv(fit.V), dtype=np.float64)
         self._chi2, self._freedom = fit.chi2, fit.freedom
@@ -184,7 +184,7 @@ def deletion_squares(residuals: FloatArray, covariance: FloatArray, explained: F
     """
     root = np.linalg.inv(np.linalg.cholesky(covariance))
     value, vector = np.linalg.eigh(root @ explained @ np.swapaxes(root, 1, 2))
-    # a group that alone determines something leaves no residual to judge it by
+    # a group that alone determines a parameter has no residual to test it
     left = np.maximum(1.0 - weight[:, None] * value, LEFT)
     own = np.einsum("nji,njk,nk->ni", vector, root, residuals)
     return np.asarray((own**2 / (left * (left + value))).sum(axis=1))

@@ -19,8 +19,8 @@ MAX_STEPS = 80
 UNDECIDED = 25  # steps after which a direction that was undetermined once stays so
 SETTLED = 0.01  # of a standard uncertainty
 WALL = 30.0  # standard uncertainties of the data, from where Gauss-Newton comes back to the floor of a valley
-FINE = 0.1 * SETTLED  # of a standard uncertainty: what remains when the steps end
-RANK = 1e-10  # of the largest singular value of a block's derivatives, under which the residuals do not tell all of it
+FINE = 0.1 * SETTLED  # remaining step at convergence, in standard uncertainties
+RANK = 1e-10  # relative to the largest singular value of a block's derivatives: below it the block is not completely determined
 IN_SPAN = 0.99  # cosine from which a direction is a motion of the gauge
 
 
@@ -93,7 +93,7 @@ class Eliminated:
         self.A, self.V = J[:, :own] * problem.parameters.width, V
         N, self.inverse, self.loose = _eliminate(problem.nuisance, J[:, own:])
         self.W = scipy.linalg.solve_triangular(np.linalg.cholesky(N.T @ V @ N), N.T, lower=True)
-        # of the directions of the parameters all, of those of the residuals only what they see
+        # all directions of the parameters, but only the observed ones of the residuals
         self.U, s, self.Vt = np.linalg.svd(self.W @ self.A, full_matrices=len(self.W) < own)
         self.s = np.r_[s, np.zeros(own - len(s))]
         self.known = (self.s > 1.0) & (np.arange(own) < most)
@@ -153,7 +153,7 @@ def _eliminate(nuisance: Nuisance, P: FloatArray) -> tuple[FloatArray, FloatArra
 def _apart(P: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return, for matrices P (k, e, c), orthonormal bases (k, e, e) whose columns from the rank on are normal to those of P, the
     pseudo-inverses (k, c, e) and the ranks (k,)."""
-    # columns of one size, so that rank is a matter of geometry and not of units
+    # columns of one size, so that the rank does not depend on units
     size = np.maximum(np.linalg.norm(P, axis=1), 1e-300)
     U, s, Vt = np.linalg.svd(P / size[:, None, :], full_matrices=True)
     determined = s > RANK * s.max(axis=1, initial=0.0, keepdims=True)

@@ -28,11 +28,11 @@ NEEDED = 12.0
 
 SURE = 20.0  # The same of a further explanation, when chi-squared is no longer beyond chance: residuals that could be left as they are
 
-MOST_TAKEN = 3  # Explanations of one problem
+MOST_TAKEN = 3  # Most explanations that are accepted for one problem
 
 ROUNDS = 2  # the second settles a size where the first moved the optimum
 
-ASKED = 4.0  # Least gain of an explanation beside others; one that gains less is idle
+ASKED = 4.0  # Least gain of an explanation in addition to others
 
 ALLOWED = 0.5
 """Fall of twice the log likelihood down to which residuals allow an unstated error: it may exist without showing.
@@ -176,7 +176,7 @@ def _with(state: Explained[P], taken: _Gain, gains: list[_Gain], alternatives: A
     problem = alternatives.freed(state.problem, one.name) if one.name in alternatives.values else None
     if problem is None:
         if not one.lasting:
-            # with few data they look alike; only a lasting error is made again in what is measured
+            # with few data they look alike; only a lasting error returns in later measurements
             rival = next((g for g in gains if g.explanation.lasting), None)
             if rival is not None and rival.gain > taken.gain - REFUTED:
                 state = replace(state, doubt=rival.size)

@@ -26,7 +26,7 @@ class Whitened:
 
     def __init__(self, problem: Problem, V: FloatArray) -> None:
         self.problem = problem
-        # the inverse once: it is applied hundreds of times, and V is far from singular (every reading errs by itself)
+        # invert once: it is applied hundreds of times, and V is far from singular (every reading has an error of its own)
         diagonal = np.sqrt(np.diag(V))
         correlated = np.count_nonzero(V) > len(V)
         self._W = np.linalg.inv(np.linalg.cholesky(V)) if correlated else 1.0 / diagonal[:, None]

@@ -57,7 +57,7 @@ def optimum(problem: Blockwise[L], start: FloatArray, at: L | None = None) -> Op
     now = float(residuals @ residuals + (theta / width) @ (theta / width))
     converged, triangle = False, _triangle(jacobian * width, residuals, theta / width)
     for _ in range(STEPS):
-        # how far the whole step goes in standard uncertainties: one made short by damping says nothing of that
+        # length of the full step in standard uncertainties; a damped step does not show it
         if float(np.linalg.norm(triangle[:-1, -1])) < SMALL:
             step = width * _solved(triangle)
             theta, converged, at = theta + step, True, problem.shifted(at, step)

@@ -50,7 +50,7 @@ def estimated_covariance(information: FloatArray) -> tuple[FloatArray, int]:
     return np.asarray((vectors * variance) @ vectors.T), int(known.sum())
 
 
-EVEN = 1e-9  # by which a half may be missed by rounding
+EVEN = 1e-9  # rounding tolerance for one half
 SHARE = 0.3  # Of a direction that several owners share, from which an owner's part is determined
 
 

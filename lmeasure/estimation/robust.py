@@ -131,7 +131,7 @@ def trust(square: FloatArray, freedom: IntArray, weight: FloatArray, determined:
     d, m = np.sqrt(square), freedom.astype(np.float64)
     z = normal_deviates(square, freedom)
     share = np.minimum(z / BIWEIGHT, 1.0)
-    # two-sided tails are equal, and so are their changes: how z goes with d
+    # two-sided tails are equal, and so are their derivatives: dz/dd
     steepness = 2.0 * d * scipy.stats.chi2.pdf(square, freedom) / np.maximum(2.0 * scipy.stats.norm.pdf(z), 1e-300)
     slope = weight - d / m * 4.0 * share / BIWEIGHT * (1.0 - share**2) * steepness
     a, mean = float(np.average(slope, weights=m)), float(np.average(weight, weights=m))

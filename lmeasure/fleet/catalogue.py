@@ -453,7 +453,7 @@ def outcomes(
                     since = time.monotonic()
                     yield left.pop(key), done
         except (ConnectionError, LMeasureError) as error:
-            # a scheduler that was there may come back, with none of what it knew
+            # a lost scheduler may return without its earlier data
             first = len(left) == len(tasks)
             if (isinstance(error, LMeasureError) and first) or time.monotonic() > since + AWAY_S:
                 raise LMeasureError(

@@ -44,7 +44,7 @@ def cluster_client(scheduler: str) -> Iterator[Any]:
         distributed: Any = import_module("distributed")
     except ImportError:
         raise LMeasureError(message("error.scheduler_needs_dask", install=how_to_install("cluster"))) from None
-    # what it warns of, such as a worker that died, is done again
+    # warnings, such as a dead worker, need no action: the work is repeated
     logging.getLogger("distributed").setLevel(logging.ERROR)
     if scheduler == LOCAL:
         settings: dict[str, Any] = {"n_workers": processors(), "threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}

@@ -34,7 +34,7 @@ TO_DO = {
     errno.EFBIG: "large",
 }
 """Ends of the ids of remedies for a file that cannot be written (`os.remedy.full`)."""
-_becomes: dict[Path, Path] = {}  # temporary names, and what they become
+_becomes: dict[Path, Path] = {}  # temporary names and final names
 
 
 def not_written(path: Path, error: OSError, cannot: str = "error.cannot_be_written_2", **values: Any) -> str:
@@ -100,7 +100,7 @@ def _runs(process: int) -> bool:
         os.kill(process, 0)
     except ProcessLookupError:
         return False
-    except (OSError, OverflowError):  # of somebody else, or no number of a process
+    except (OSError, OverflowError):  # owned by another user, or not a process number
         return True
     return True
 
@@ -141,7 +141,7 @@ def make_folder(folder: Path) -> None:
         missing.append(folder)
         folder = folder.parent
     if not missing:
-        folder.mkdir(exist_ok=True)  # says what is wrong with a file of that name
+        folder.mkdir(exist_ok=True)  # raises an error for a file of that name
     for new in reversed(missing):
         new.mkdir(exist_ok=True)
         to_disk(new.parent)
@@ -213,7 +213,7 @@ def rewrite_toml(path: Path, document: Document) -> None:
         kept = tomllib.loads(text) == dict(document)
     except (TOMLKitError, ValueError):
         kept = False
-    # what the other library reads or writes in another way is written without its comments
+    # if tomlkit would change a value, write without comments
     write_text(path, text if kept else tomli_w.dumps(document))
 
 

@@ -36,7 +36,7 @@ def loads(text: str) -> dict[str, Any]:
         raise ValueError(f"a key has more than a hundred parts (at line {text.count(chr(10), 0, found.start()) + 1}, column 1)")
     content = tomllib.loads(text)
     if _LONG.search(text) and _longest(content) > MOST_BITS:
-        raise ValueError("a number has more than a thousand bits")  # Python shows none of 4300 digits
+        raise ValueError("a number has more than a thousand bits")  # Python prints no number of 4300 digits
     return content
 
 
@@ -280,7 +280,7 @@ def complaints(error: ValidationError, data: Any, root: type[BaseModel]) -> list
             hinted.add((*keys[:-1], near))
             out.append((keys, message("complaint.unknown_key", key=key, hint=_hint(key, near, owner))))
         elif keys not in seen and not (one["type"] == "too_short" and _has_enough(_at(data, keys), one)):
-            # a value that is of none of several kinds is complained of once for each
+            # pydantic reports a value that matches no kind once for each kind
             seen.add(keys)
             out.append(_plain(keys, one, data))
     # a key written wrongly is unknown, and its right name missing: once is enough

@@ -18,7 +18,7 @@ from lmeasure.io.models import gathered
 from lmeasure.io.safe_open import LARGEST_BYTES, open_regular, read_regular
 from lmeasure.text import composed, message
 
-# what a person calls a number: no nan, no inf, no 1_000, no digits of other scripts
+# plain numbers only: no nan, no inf, no 1_000, no digits of other scripts
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
@@ -87,7 +87,7 @@ class Table:
     def _at(self, index: int, column: str) -> str:
         if self._lines:
             return f"{self.path}:{self._lines[index]}: {column}"
-        # a CSV's first data row stands on line 2
+        # the first data row of a CSV is line 2
         row = self.first + index
         return f"{self.path}:{row + 2}: {column}" if self.path.suffix.lower() == ".csv" else f"{self.path}: row {row}: {column}"
 

@@ -36,10 +36,10 @@ from lmeasure.linkages.flat_tetrahedra import enclosed, halved
 from lmeasure.linkages.topology import Incidence
 
 BOXES = 60_000  # in all, after which nothing is proved
-STANDS, UNKNOWN, FALLS = 1, 0, -1  # Of a box: every tetrahedron stands in all of it; not decided; one of them stands nowhere in it
+STANDS, UNKNOWN, FALLS = 1, 0, -1  # State of a box: every tetrahedron exists everywhere; undecided; one exists nowhere
 
 Point = tuple[str, int]
-Judge = Callable[[FloatArray], IntArray]  # Of boxes (n, 6, 2) of lengths: (n,) STANDS, UNKNOWN or FALLS
+Judge = Callable[[FloatArray], IntArray]  # Function of boxes (n, 6, 2) of lengths: (n,) STANDS, UNKNOWN or FALLS
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,7 @@ def _extreme(box: FloatArray, side: float, way: float) -> tuple[float, float]:
     """(lower, upper) bounds of the least (way -1) or greatest (way 1) flat PQ over a box (5, 2); side: 1 near, -1 far."""
     boxes = box[None]
     tolerance = TOLERANCE * float(box.max())
-    # of way * PQ the greatest: reached is what a point in the box has, possible what is left to look at
+    # largest way * PQ: `reached` at a point of the box, `possible` in the remaining boxes
     reached, closed, used = -np.inf, -np.inf, 0
     while len(boxes):
         was = (boxes[:, :, 0] == boxes[:, :, 1]).all(axis=1)

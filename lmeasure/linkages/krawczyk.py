@@ -23,7 +23,7 @@ from lmeasure.core import BoolArray, ComplexArray, FloatArray, IntArray
 from lmeasure.linkages import study_quadric
 from lmeasure.linkages.study_quadric import Array
 
-DIGITS = 160  # Binary ones of a pose's coordinates, of which the largest is 1
+DIGITS = 160  # Binary digits of a pose's coordinates, the largest of which is 1
 Whole = NDArray[np.object_]  # Of Python's integers
 
 
@@ -215,7 +215,7 @@ def _box(
     with np.errstate(invalid="ignore"):
         size, weight = np.abs(x), np.abs(Y)
         if known is None:
-            # |F| at most: what is computed, its rounding, and what the dimensions may be off
+            # |F| at most: computed value, rounding, and tolerance of the dimensions
             f = _with_held(np.abs(F) + np.einsum("kij,ni,nj->nk", ROUNDING * np.abs(Q) + slack, size, size))
         else:
             f = _with_held(np.abs(known) * (1.0 + ROUNDING))
@@ -236,7 +236,7 @@ def _magnitudes(rows: ComplexArray) -> FloatArray:
     """Return (7, 8, 8) the quadrics with every term taken by its size: the scale of their entries' rounding."""
     a, b = np.abs(rows[:, :3]).max(axis=1), np.abs(rows[:, 3:6]).max(axis=1)
     out = np.zeros((7, 8, 8))
-    # c is a sum of three squares of which the length's may be as large as both others with it
+    # c is a sum of three squares; the length's may be as large as both others together
     of_c = np.abs(rows[:, 6]) + 6.0 * (a**2 + b**2)
     out[:6, :4, :4] = of_c[:, None, None] * np.eye(4) + 6.0 * (a * b)[:, None, None]
     out[:6, :4, 4:] = out[:6, 4:, :4] = 2.0 * (a + b)[:, None, None]

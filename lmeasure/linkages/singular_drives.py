@@ -120,7 +120,7 @@ def extra_drives(
     work = np.array([d.wrench[3:] @ lost[:, :3].T + d.wrench[:3] @ lost[:, 3:].T for d in drives]).reshape(-1, missing)
     every = np.array(list(combinations(range(len(drives)), missing)), dtype=np.int64).reshape(-1, missing)
     size = np.abs(np.linalg.det(work[every]))
-    # a drive is better at the base, which stands still (thesis 4.5)
+    # a drive is better at the base, which does not move (thesis 4.5)
     carried = np.array([d.pair == "body" for d in drives])[every].sum(axis=1)
     order = [k for k in np.lexsort((-size, carried)) if size[k] > NO_PART * size.max()]
     out = []

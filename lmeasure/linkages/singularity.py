@@ -122,8 +122,8 @@ def pressure_angles(rows: FloatArray, arms: FloatArray) -> FloatArray:
 
 
 LOST = 1e-9  # of the largest singular value, turns counted at the rim: below it a row adds nothing
-STEP = 1e-4  # of a turn, and of the rim: differences of gradients err by its square, and by rounding over it
-FLAT = 1e-6  # of what would matter: curvature over a length, a gradient beside curvature
+STEP = 1e-4  # step of a turn and of the rim: errors are its square, and rounding divided by it
+FLAT = 1e-6  # relative to a significant size: curvature over a length, a gradient against curvature
 
 
 ROUNDING = 1e-13
@@ -171,7 +171,7 @@ def gradients(base: FloatArray, body: FloatArray, poses: FloatArray) -> FloatArr
     w = C[..., :3] + np.cross(C[..., 3:], base)
     g = (w - (w * e).sum(axis=-1, keepdims=True) * e) / lengths[..., None]
     K = np.concatenate([np.cross(points, g).sum(axis=-2), g.sum(axis=-2)], axis=-1)
-    # what rounding leaves of a sum that vanishes is nothing
+    # a sum of rounding errors counts as zero
     size = np.abs(g).max(axis=(-2, -1))
     far = np.abs(points).max(axis=(-2, -1))
     least = ROUNDING * np.stack([size * far] * 3 + [size] * 3, axis=-1)

@@ -21,7 +21,7 @@ from lmeasure.text import message
 ALL, NOT_PROVED = message("linkages.all_accounted"), message("linkages.not_proved")
 TRIES = 3  # ways to the same links, should paths be lost or meet on one
 IMPROPER = 1e-9  # |e.e| of a point of length one below which it is no pose: paths that end there end at 1e-20, others above 1e-4
-CLOSES = 1e-9  # of the rig's size: a pose with lengths so near is an assembly, as far as numbers tell
+CLOSES = 1e-9  # relative to the rig's size: a pose with lengths this near is an assembly mode numerically
 
 
 @dataclass(frozen=True)

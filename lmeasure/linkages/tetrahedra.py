@@ -19,7 +19,7 @@ FLAT = 1e-7
 """A tetrahedron whose squared height is above minus this part of its squared edges counts as flat: two assemblies have met. Lengths cannot
 distinguish it from one that is not, since a height of 3e-4 of the edges changes them by less than 1e-7."""
 CLOSES = 1e-9  # of the rig's size
-PIECE = 2000  # sets of lengths at a time, so that what they need stays near the processor
+PIECE = 2000  # sets of lengths at a time, so that their data stay in the cache
 
 
 def closed_form(base: FloatArray, platform: FloatArray, lengths: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -75,7 +75,7 @@ def _solved(found: Incidence, base: Array, platform: Array, lengths: Array) -> t
         if corner[0] == side:
             return _norm(own[side][i] - own[side][corner[1]])
         link = (i, corner[1]) if side == "P" else (corner[1], i)
-        # a placed corner stands in the frame of the point that is looked for
+        # a placed corner is in the frame of the requested point
         return measured[link] if link in measured else _norm(own[side][i] - placed[corner])
 
     for side, i, corners in found.structure.placements or ():

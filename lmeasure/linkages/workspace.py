@@ -21,15 +21,15 @@ ON_MM = 1e-6  # of the reach: the last step onto the boundary but one, after whi
 NOISE_MM = 1e-8  # of the reach: steps that small may stay as large as they are, where a limit is so flat that rounding moves its edge
 STILL_MM = 1e-10  # of the reach: the last step to a corner, and one that need be no smaller than that before
 MARCH = 400  # steps along a ray to the window's edge, before a change of sign is halved
-MOST = 5_000  # points of one boundary
+MOST = 5_000  # most points of one boundary
 TURN = 0.2  # rad: largest turn of the tangent between two points
 STUCK = 1e-7  # of the reach: a step that small means a corner
-BESIDE, CHECKED = 0.2, 21  # of a step: how far beside it, and at how many places, the inside is looked at
-FROM, BEYOND, TO_CORNER = 0.1, 1.1, 0.9  # of a step: the part beside which one looks, which overlaps the next, or ends before a corner
+BESIDE, CHECKED = 0.2, 21  # in steps: distance beside the step, and number of positions, at which the inside is tested
+FROM, BEYOND, TO_CORNER = 0.1, 1.1, 0.9  # in steps: the tested part of a step, which overlaps the next or ends before a corner
 GROWN, FARTHEST = 5.0, 0.02  # of the radius at which one looks around a corner: its growth, and its greatest size in parts of the reach
 DRAWN = 0.01  # of that radius: how far Newton's method may move the place that was found there
-LOOK = 720  # directions in which one looks around at a corner
-WITHIN = 1e-5  # of the reach: how far lines between points are beside the boundary, where nothing is asked
+LOOK = 720  # directions that are tested around a corner
+WITHIN = 1e-5  # relative to the reach: default distance of lines between points from the boundary
 QUARTERS = np.array([0.25, 0.5, 0.75])  # of a line: where it is measured
 HALVINGS = 24  # of a line, at most
 
@@ -329,7 +329,7 @@ def _at_radius(
     there = place + radius * along
     which = int(np.argmin(bounds.values(plane.poses(there))))
     on = _onto(bounds, plane, there, which)
-    # there lies on the limit already, by halving: what Newton's method carries away is drawn to the corner
+    # `there` is on the limit already, by halving; if Newton's method leaves it, it was attracted by the corner
     return on if float(np.linalg.norm(on - there)) <= DRAWN * radius else None, along, which
 
 

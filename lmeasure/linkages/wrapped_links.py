@@ -16,7 +16,7 @@ from lmeasure.kernels import ATTACHMENT_XYZ, BASE_XYZ, RADIUS, solve_poses
 from lmeasure.linkages import straight_links
 from lmeasure.linkages.tetrahedra import closed_form
 
-WAY, STEPS = 12, 8  # Parts in which lengths are changed from those of the known poses, and Newton's steps after the last of them
+WAY, STEPS = 12, 8  # Parts of the change from the lengths of known poses, and Newton steps after the last part
 SINGULAR = 1e-9
 """Least singular value of the rows, lengths in parts of the platform's size, at which a pose is lost."""
 Rows = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
@@ -49,7 +49,7 @@ BATCH = 3000  # starts at a time
 LEAST, MOST = 2, 12  # batches
 MET = 4  # times that each assembly must have been met: one as easy to meet is then missed in 2 % (Poisson)
 PARTS = (0.25, 0.5, 0.75, 1.0)  # of the pulleys' radius, one after the other
-SAME_MM, SAME_RAD = 1e-5, 1e-6  # two solutions of one pose end far below both
+SAME_MM, SAME_RAD = 1e-5, 1e-6  # two solutions of one pose differ by far less
 
 
 def wrapped_assemblies(rows: FloatArray, lengths: FloatArray, seed: int = 0) -> tuple[FloatArray, bool]:

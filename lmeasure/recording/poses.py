@@ -356,7 +356,7 @@ def pose_columns(poses: Poses, angles: str | None = None) -> dict[str, Any]:
             if rho.any():
                 out[f"rho_{AXES[i]}_{AXES[j]}"] = rho
         return out
-    # zeros too: what is not written is not known
+    # zeros too: a missing column means unknown
     if "position" not in poses.absent:
         out["u_position_mm"] = poses.u_position_mm
     if "rotation" not in poses.absent and poses.oriented:

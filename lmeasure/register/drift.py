@@ -125,7 +125,7 @@ def _forecasts(t: FloatArray, x: FloatArray, u: FloatArray) -> Forecast:
     least squares, and the filtered columns give the walk after the last value.
     """
     weight, s = u**-2.0, t - t[..., :1]
-    # a plain line is taken off first: values that are large beside their scatter keep their digits
+    # subtract a plain line first, so that values much larger than their scatter keep their digits
     middle = [(weight * y).sum(axis=-1, keepdims=True) / weight.sum(axis=-1, keepdims=True) for y in (s, x)]
     away = s - middle[0]
     slope = (weight * away * (x - middle[1])).sum(axis=-1, keepdims=True) / (weight * away**2).sum(axis=-1, keepdims=True)

@@ -81,7 +81,7 @@ def spectrum_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
             marker={"symbol": symbols, "size": 8},
         )
     figure.add_hline(y=1.0, line={"dash": "dash"})
-    # on a logarithmic axis an annotation lies at the logarithm; above the line at the left, where directions are known, there is nothing
+    # on a logarithmic axis an annotation is at the logarithm; the area above the line at the left is free
     at = {"x": 0.0, "xref": "paper", "xanchor": "left", "y": 0.0, "yanchor": "bottom", "showarrow": False}
     figure.add_annotation(text=say("calibration.prior_good"), **at)
     # the names take a line each on a telephone
@@ -89,7 +89,7 @@ def spectrum_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
         height=300 + 19 * len(figure.data), margin={"t": 20}, xaxis={"title": say("calibration.direction_best_seen_first")}
     )
     left = [float(d["left"]) for d in record.spectrum]
-    # a mark for each power of ten, or for every other one; room for what is written above the line
+    # a mark for each power of ten, or every other one; room for the text above the line
     powers = 1 if max(left) / max(min(left), 1e-300) < POWERS else 2
     return figure.update_yaxes(title=say("calibration.u_left_prior_u"), type="log", dtick=powers, autorangeoptions={"include": 6.0})
 
@@ -104,11 +104,11 @@ def narrowed_figure(record: CalibrationRecord, say: Say = ENGLISH) -> go.Figure:
     figure.add_scatter(
         y=names, x=[p.u for p in record.parameters], mode="markers", name=say("calibration.calibrated"), marker={"color": AFTER}
     )
-    # a row for each name: they never stand in each other's way
+    # a row for each name, so that names never overlap
     figure.update_layout(height=110 + 18 * len(names), margin={"t": 20, "r": 10})
     every = priors + [p.u for p in record.parameters]
     marks = ticks(min(v for v in every if v > 0.0) / 3.0, 3.0 * max(every)) if any(v > 0.0 for v in every) else [1.0]
-    # powers of ten, and 2 and 5 times them where these are few; some beyond what is drawn, as that has a margin
+    # powers of ten, and 2 and 5 times them if these are few; some beyond the data, for the margin
     marks = [v for v in marks if f"{v:e}".startswith("1")] if len(marks) > FEW else marks
     figure.update_xaxes(title=say("calibration.u_mm_2"), type="log", tickvals=marks, ticktext=[say.number(v, ".3g") for v in marks])
     return figure.update_yaxes(autorange="reversed", dtick=1, automargin=True)

@@ -427,7 +427,7 @@ def notes(certificate: dict[str, Any]) -> list[str]:
     if any(c.get("extension") for c in figures):
         out.append(word(language, "extension.text"))
     out += [visible(signs(sentence(_finding(certificate, note), language))) for note in certificate["notes"]]
-    # of whom a component takes its verdict is said once for all
+    # the origin of a component's verdict is stated once
     codes = {entry["text"]: entry["code"] for entry in certificate.get("findings", [])}
     own = [c for c in figures if c.get("note") and codes.get(c["note"]) != "verdict.of_vector"]
     for c in own:

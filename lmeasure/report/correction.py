@@ -56,7 +56,7 @@ def answer(found: Corrected, listing: Listing, say: Say) -> html.Answer:
         rows.append(html.Number(say("correction.largest_u95_where_goes"), known, say("correction.of_those")))
         rows.append(html.Number(say("correction.largest_correction"), mm(max(c.size_mm for c in corrections))))
         limits = say("correction.limited_identification")
-    # what nobody corrected is as wrong as before; without this the page looks as if nothing were wrong any more
+    # uncorrected targets keep their errors; without this line the page would hide them
     stays = [o.correction.was_mm for o in found.outcomes if o.left and o.correction is not None]
     if stays:
         rows.append(html.Number(say("correction.largest_error_those_left"), mm(max(stays)), "", "warn"))

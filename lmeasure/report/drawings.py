@@ -16,7 +16,7 @@ from lmeasure.core import FloatArray
 from lmeasure.text import number, settled
 
 INK, SOFT, LINE, RED, GREEN, WITHIN, BEYOND = "#30343f", "#7a8194", "#c8ccd4", "#b3261e", "#1a7f4b", "#cfe8d8", "#f5d9d6"
-# what typst brings along, and what browsers have
+# font of typst, and fonts of browsers
 FONT = 'font-family="Libertinus Serif, system-ui, sans-serif"'
 CHARACTER = 0.56
 """Width of a letter in a figure, in heights of its type: to keep labels off each other."""

@@ -166,7 +166,7 @@ def settled(drawing: go.Figure) -> go.Figure:
     for trace in drawing.data:
         for part in (trace, getattr(trace, "marker", None), getattr(trace, "line", None)):
             if part is not None and getattr(part, "showscale", False):
-                # 4 µ beside "mm" would be no size at all
+                # 4 µ beside "mm" would be wrong
                 part.colorbar.exponentformat = "power"
     if drawing.layout.modebar.orientation != "v":
         # room for the buttons
@@ -250,7 +250,7 @@ def _upright(low: float, high: float, widest: float) -> list[float] | None:
     """Return round figures of the upright axis that are clear of its foot; None for plotly's own."""
     foot = low + min(FOOT * widest, (high - low) / 2.0) if widest else low
     most = _most(high - low, widest)
-    # of four pieces and more one lies in the upper half
+    # of four or more pieces, one is in the upper half
     for least in ((high - low) / most, (high - low) / (2 * most), (high - low) / (4 * most)):
         power = 10.0 ** math.floor(math.log10(least))
         step = next(power * n for n in (1.0, 2.0, 5.0, 10.0) if power * n > 0.999 * least)
@@ -266,7 +266,7 @@ def _with_room(drawing: go.Figure) -> None:
     ends = _ends(drawing)
     widest = max((high - low for low, high in ends.values()), default=0.0)
     labelled = any("text" in str(getattr(trace, "mode", "")) for trace in own)
-    # as large along an axis that is short: a label beside its wall would go behind the next one
+    # as large along a short axis: a label beside its wall would be hidden by the next one
     room = max(BEYOND * widest, 1.0) if labelled else 0.0
     for axis in "xyz":
         low, high = ends.get(axis, (0.0, 0.0))
@@ -284,7 +284,7 @@ def _with_room(drawing: go.Figure) -> None:
         if drawing.layout.scene.aspectmode == "data" and min(sides) <= FLATTEST * max(sides) * 1.001:
             # plotly would go by the data, which have no height
             drawing.update_scenes(aspectmode="manual", aspectratio=dict(zip("xyz", sides / np.cbrt(np.prod(sides)), strict=True)))
-        # of sides whose product is kept what is flat or long is drawn larger than a cube, and the eye goes back as much
+        # with a fixed product of sides, flat or long boxes are drawn larger than a cube, so the eye moves back
         away = float(np.linalg.norm(sides) / np.cbrt(np.prod(sides)) / np.sqrt(3.0))
         eye = drawing.layout.scene.camera.eye
         drawing.update_scenes({"camera": {"eye": {axis: away * eye[axis] for axis in "xyz"}}})

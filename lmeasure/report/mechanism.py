@@ -138,7 +138,7 @@ def slices_figure(found: Workspace, say: Say = ENGLISH) -> go.Figure:
     levels = np.flatnonzero(found.inside.any(axis=(0, 1)))
     chosen = levels[np.unique(np.linspace(0, len(levels) - 1, MOST_SLICES).round().astype(int))]
     figure = go.Figure()
-    # a rim of nothing around the grid: what ends at its edge is an outline too, that closes
+    # an empty rim around the grid closes outlines that end at its edge
     x, y = (np.pad(axis, 1, mode="linear_ramp", end_values=(axis[0] - RIM, axis[-1] + RIM)) for axis in (found.x_mm, found.y_mm))
     inside = np.pad(found.inside, ((1, 1), (1, 1), (0, 0)))
     for colour, level in zip(figures.PALETTE, chosen, strict=False):

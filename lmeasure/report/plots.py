@@ -50,7 +50,7 @@ class ShownFigure(go.Figure):  # type: ignore[misc]
         return {JSON: {**self.to_plotly_json(), "config": CONFIG}, "text/html": self._repr_html_()}
 
     def _repr_html_(self) -> str:
-        # every figure brings what draws it: a cell may be shown without the others
+        # every figure contains its script: a cell may be shown without the others
         return str(self.to_html(full_html=False, include_plotlyjs=True, include_mathjax=False, config=CONFIG))
 
     def _ipython_display_(self) -> None:

@@ -37,7 +37,7 @@ def write_zone_pdf(path: Path, zone: xr.Dataset, rig: Rig, language: str = "en")
         "scale": _scale(float(zone.attrs["limit_deg"])),
         "limit": float(zone.attrs["limit_deg"]) / 90.0,
         "views": [{"axes": axes, "svg": _drawing(lines)} for axes, lines in sides],
-        # a unit alone in a line of a header says nothing
+        # a unit alone on a header line would be unclear
         "tables": [
             {"title": title, "header": [name.replace(", ", ",\u00a0") for name in header], "rows": rows}
             for title, header, rows in zone_text.tables(zone, found, rig, say)

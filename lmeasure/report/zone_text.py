@@ -144,7 +144,7 @@ def criteria(zone: xr.Dataset, say: Say) -> Rows:
     """Nodes and volume by the pressure angle alone, by the 95 % radius alone, and by all limits."""
     cell = float(np.prod(zone.attrs["node_spacing_mm"])) / 1e9
     angle, u95 = zone["worst_pressure_angle_deg"].values, zone["u95_position_mm"].values
-    # without a limit of its own the radius is held to what it is at most within the angle
+    # without its own limit the radius is limited by its largest value within the angle
     requested = zone.attrs.get("limit_u95_mm")
     within_angle = angle <= zone.attrs["limit_deg"]
     if requested is not None:

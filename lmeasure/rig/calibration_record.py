@@ -21,7 +21,7 @@ Count = Annotated[int, Field(strict=True, ge=0)]
 Text = Annotated[str, WrapValidator(lambda value, own: value if isinstance(value, Message) else own(value))]
 """A message, or the text of a file."""
 
-# of the correlations: what rounding leaves of a covariance that is singular along a direction
+# of the correlations: rounding of a covariance that is singular along a direction
 NEGATIVE_EIGENVALUE = 1e-6
 
 
@@ -272,7 +272,7 @@ class CalibrationRecord(Shown, _Record):
         flat = [name for row in names for name in row]
         select = np.zeros((len(flat), len(self.parameters)))
         for i, own in enumerate(flat):
-            # a swivel axis stands at the angle of its guide and its own tilt together
+            # the angle of a swivel axis is that of its guide plus its own tilt
             for name in dict.fromkeys((own, own.replace(".guide_", ".swivel_tilt_"))):
                 if name in index:
                     select[i, index[name]] = math.radians(1.0) if name.endswith("_deg") else 1.0
@@ -324,7 +324,7 @@ def read_calibration_record(path: Path) -> CalibrationRecord:
     try:
         return _with_messages(CalibrationRecord.model_validate_json(raw))
     except ValidationError as error:
-        # what is no JSON has no keys to name
+        # invalid JSON has no keys to name
         data = None if error.errors()[0]["type"] == "json_invalid" else json.loads(raw)
         raise reported(str(path), data, complaints(error, data, CalibrationRecord)) from None
 
@@ -363,8 +363,8 @@ def write_calibration_record(path: Path, record: CalibrationRecord) -> None:
     files.write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
-ROUNDING = 1e-6  # Of a value, or of 1 where that is more: what is left when a value is written with few digits
-BESIDE_U = 0.01  # Of the value's standard uncertainty: rounding that matters to nobody
+ROUNDING = 1e-6  # Relative to a value, or to 1 if that is larger: rounding of a value with few digits
+BESIDE_U = 0.01  # Relative to the value's standard uncertainty: negligible rounding
 
 
 def read_linked_rig(path: Path) -> tuple[Rig, CalibrationRecord | None]:

@@ -30,7 +30,7 @@ from lmeasure.rig.points_and_drums import Length, NotNegative, Positive
 from lmeasure.rig.rig import Rig, rig_from_dict
 from lmeasure.text import message
 
-AGREEMENT = 0.01  # of a turn's cable: beyond it the radius and the length of a count cannot be of one drum
+AGREEMENT = 0.01  # relative to the cable of a turn: larger differences between radius and count length contradict each other
 
 
 class DrumMeasurement(Strict):

@@ -43,7 +43,7 @@ class CableParameter(Keyed):
     stored: str = ""  # Its key in rig.toml, where that is another; index: which of several numbers there
     index: int | None = None
     stated: str = ""  # The key of its standard uncertainty, where that is another than u_ and the key
-    inverse: str = ""  # A key of rig.toml that says the same the other way round: what is uncertain of it is uncertain of the parameter
+    inverse: str = ""  # A key of rig.toml with the inverse quantity: its uncertainty is that of the parameter
     per_revolution: bool = False  # Whether the kernels' rows have it per count, as its share of a drum's revolution
     unsigned: bool = False  # Whether its sign means nothing
 
@@ -178,7 +178,7 @@ FURTHER_KEYS = frozenset(p.key for p in FURTHER)
 PHASED = frozenset(p.key for p in FURTHER if p.group in ("run-out", "eccentricity"))
 """Keys of parameters that turn with drum and pulley, and are meaningless without their angles."""
 
-_OF_PULLEY = ("eccentricity", "offset")  # Groups of what a point without a pulley does not have
+_OF_PULLEY = ("eccentricity", "offset")  # Groups that a point without a pulley does not have
 _ABSENT = frozenset(p.stored or p.key for p in _SELDOM)  # Keys that mean 0 where they are not given
 _IN_ROWS = np.array([p.column is not None for p in TABLE])
 _COLUMNS = np.array([-1 if p.column is None else p.column for p in TABLE])

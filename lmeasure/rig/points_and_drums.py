@@ -17,7 +17,7 @@ def _finite_length(value: float) -> float:
 
 
 LEAST_SCALE = 1e-6
-GREATEST_PART = 0.1  # Of what a drum or a pulley measures: an error beyond it is a slip of the pen
+GREATEST_PART = 0.1  # Relative to the size of a drum or a pulley: a larger error is a typing mistake
 
 
 def _scale(value: float) -> float:

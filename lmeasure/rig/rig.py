@@ -352,7 +352,7 @@ class Rig(Shown, Strict):
     def to_dict(self) -> dict[str, Any]:
         """The content of rig.toml, optional keys left out where they are not set."""
         data = self.model_dump(by_alias=True, exclude_none=True, mode="json")
-        # a limit that nobody stated would else be stated by the file
+        # otherwise the file would state a limit that was not stated
         for point, table in zip(self.observation_point, data["observation_point"], strict=True):
             if not point.drum.rate_stated:
                 del table["drum"]["max_cable_speed_mm_s"]

@@ -109,7 +109,7 @@ def unlikely_size(rig: Mapping[str, Any], source: str) -> Message | None:
     except (KeyError, TypeError, ValueError, AttributeError):
         return None
     round_mm = min((radius for radius in (pulleys, drums) if radius > 0.0), default=math.inf)
-    # what is round tells the units apart: it differs less from cell to cell
+    # drums and pulleys distinguish the units, because they differ less between cells
     unit = "inches" if SMALLEST_ROUND_MM / UNITS_MM["inches"] <= round_mm < SMALLEST_ROUND_MM else "metres"
     if 0.0 < apart < SMALLEST_CELL_MM:
         return _said("points", unit, apart, source)

@@ -208,12 +208,12 @@ def _joints(
         if away.min() > NEAR_RAD:
             return None, message("robot_programs.none_ways_within_90", n=len(found))
     if target.flags:
-        # a configuration may tell whole turns: those nearest to the target before are not always meant
+        # a configuration may state whole turns, not always those nearest to the previous target
         every = [q for way in found for q in whole_turns(robot.nominal, way)]
         found = np.array(sorted(every, key=lambda q: 0.0 if last is None else float(np.abs(q - last).max())))
     fitting = [q for q in found if fits(dialect, target.flags, robot.nominal, q, slack_deg=AS_WRITTEN_DEG)]
     if target.loose and last is not None:
-        # nearest to where the robot comes from, unless what is stated says another
+        # nearest to the previous position, unless the program states another
         if fitting and not np.array_equal(fitting[0], found[0]):
             return None, message("robot_programs.configuration_may_not_hold")
         return found[0], ""

@@ -55,7 +55,7 @@ def _read(k: int, source: Source, reader: Reader) -> None:
         for register in registers:
             number = register[2].strip()
             if re.compile(r"\s*+=").match(rest, register.end()):
-                continue  # what a skip condition keeps
+                continue  # position that a skip condition stores
             if register[1] == "PR" or not number.isdecimal():
                 if not (by and register.start() > by.start()):
                     leave(m.start(1), message("robot_programs.position_computed_2", m=m[1], register=register[0]))

@@ -72,7 +72,7 @@ def pairs_of(listing: Listing, dialect: Dialect, robot: RobotModel) -> dict[int,
     named: dict[str, dict[bool, list[int]]] = defaultdict(lambda: {True: [], False: []})
     for i, target in enumerate(listing.targets):
         if len(target.near) == n and not target.joints and (target.taught or len(hints[target.near]) == 1):
-            # of a row that tells both, the joint values are the target behind
+            # in a row with both, the joint values are the next target
             written = _written(listing, listing.targets[i + 1]) if target.taught else [f"{v:.9g}" for v in target.near]
             out[i] = Pair(target, joint_values(target.near, dialect, robot), _digit(written), target.taught)
         point = _point(target.label or target.name)
@@ -188,7 +188,7 @@ def _frame(known: Sequence[_Compared]) -> tuple[str, FloatArray] | None:
             turns = [float(np.linalg.norm(se3.displacement(e, k.by_pose)[:3])) for e, k in zip(explained, known, strict=True)]
             size = [float(np.linalg.norm(v)) for v in left]
             good = [s <= k.most_mm and t <= k.most_rad for s, t, k in zip(size, turns, known, strict=True)]
-            # of two that explain as much, as of a single point, the one that is nearer to what frames are mistaken by
+            # of two equal explanations, as for a single point, the one nearer to usual mistakes of frames
             score = float(np.sum(good)) - 1e-3 * float(np.median(size)) / 1e3 - (1e-2 if _strange(wrong) else 0.0)
             if sum(good) > 0.8 * len(known) and (best is None or score > best[0]):
                 best = score, name, wrong

@@ -77,7 +77,7 @@ def states(events: Iterable[Event], start: State) -> dict[int, States]:
             end = _after(body, flow.entry[name], flow, name)
             flow.leaves[name] |= end
         if flow.sizes() == before:
-            # what is only called from itself, or never reached, begins anyhow
+            # routines that only call themselves, or are never reached, also begin
             lost = [name for name, found in flow.entry.items() if not found]
             if not lost:
                 return flow.seen
@@ -228,7 +228,7 @@ def motions(texts: Sequence[str], modules: Sequence[str], frame_of: FrameOf, fda
         elif m["spline"] or m["ends"]:
             spline = tuple(pieces(texts[k], m.span("header"))) if m["spline"] else ()
         elif m["block"]:
-            # a function in a condition is called before it is known which way goes on
+            # a function in a condition is called before the branch is known
             if not (m["def"] or m["fct"]):
                 events += [Event(place, "call", called(k, name)) for name, _ in functions(texts[k], m.span())]
             events.append(_block(place, m["block"].upper(), f"{modules[k]}.{(m['def'] or m['fct'] or '').upper()}"))

@@ -202,12 +202,12 @@ class _Reader(Reader):
             return
         plain = [p for p in pieces(text, (m.end(), end)) if text[p[0] : p[1]] and text[p[0]] != "\\"]
         if move.startswith("search"):
-            # a signal and the target that takes what was found stand before where it moves to
+            # a signal and the target for the found position precede the target of the motion
             for start, stop in plain[:2]:
                 self._mark(k, text[start:stop], start, message("program.searched"))
             plain = plain[2:]
         targets = plain[: 2 if move.startswith(("movec", "triggc", "searchc")) else 1]
-        # to, speed, (trigger,) (zone,) tool; what follows the tool are signals
+        # to, speed, (trigger,) (zone,) tool; signals follow the tool
         tool = len(targets) + (1 if move.startswith("search") else 3 if move.startswith("trigg") else 2)
         word = re.match(r"\w+", text[slice(*plain[tool])]) if len(plain) > tool else None
         wobj = re.search(r"\\\s*WObj\s*:=\s*(\w+)(\s*\{)?", text[m.end() : end], re.I)

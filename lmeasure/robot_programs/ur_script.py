@@ -71,7 +71,7 @@ class _Script:
 
     def read(self) -> None:
         text = self.text
-        # what a function is given has its names
+        # names of a function's parameters
         taken = {name for m in _DEFINED.finditer(text) for name in re.findall(r"\w+", m[2])}
         often = Counter(m[1] for m in _ASSIGNED.finditer(text))
         for m in _SET.finditer(text):

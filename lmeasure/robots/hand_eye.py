@@ -71,7 +71,7 @@ def frames(robot: Poses, instrument: Poses, seed: int = 0) -> Identified[StatedP
     model = StatedPoses(of_robot.rows)
     stated = ("position" not in seen.absent, "rotation" not in seen.absent and seen.oriented)
     rows = replace(rows, covariance=seen.covariances, stated=stated)
-    # stated of whole poses, and more than nothing: then that is what they scatter by, and the robot's poses are given ones
+    # stated for whole poses and positive: then this is their scatter, and the robot's poses are exact
     determined = bool(all(stated) and (np.einsum("nii->ni", rows.covariance) > 0.0).all())
     found = identify(model, rows, Settings(seed=seed, own_noise=not determined))
     _check_one(found)

@@ -460,7 +460,7 @@ class SerialRobot:
         slack = np.where(self.sliding, _SLACK_MM, _SLACK_RAD)
         effective = solutions(replace(self.arm, tool=_HERE, low=ends[0] - slack, high=ends[1] + slack), pose, seed)
         joints = effective / gain
-        for _ in range(_ROUNDS):  # the other terms are small: each round leaves a part as small of what the one before left
+        for _ in range(_ROUNDS):  # the other terms are small, so each round reduces the error by the same factor
             joints += (effective - self._effective(joints, self._basis(joints, None))) / gain
         inside = ((joints >= self.arm.low) & (joints <= self.arm.high)).all(axis=1)
         return np.asarray(joints[inside])

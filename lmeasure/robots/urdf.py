@@ -158,7 +158,7 @@ def _parsed(path: Path) -> etree._Element:
         root = etree.fromstring(raw, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
         raise RobotError(message("error.is_not_urdf", where=path, value=error)) from None
-    # a prefix that nobody declares, as simulators leave behind, is no fault of the chain
+    # an undeclared prefix, as simulators leave behind, is no fault of the chain
     faults = [e for e in parser.error_log if not e.type_name.startswith("NS_")]
     if faults or root is None:
         raise RobotError(

@@ -90,7 +90,7 @@ class Tree:
         whole = self._up(tip)
         begin = next((i for i, b in enumerate(whole) if not (b.kind == "fixed" or b.kind in CARRIED or b.endless)), len(whole))
         vehicle = [i for i, b in enumerate(whole[:begin]) if b.kind in (*CARRIED, "prismatic")]
-        if vehicle:  # the arm is what stands on it
+        if vehicle:  # the arm is mounted on it
             whole = whole[vehicle[-1] + 1 :]
         if base is None:
             start = whole[0].parent if whole else tip

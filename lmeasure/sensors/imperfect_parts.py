@@ -269,7 +269,7 @@ class Parts:
         phase = drum.counts(self._begun(rows, zero)[1])[0]
         per_mm = 2.0 * np.pi / (drum.slope(phase) * turn)
         of_drum = np.isin(np.arange(kernels.WIDTH), [kernels.BY_SCALE, kernels.BY_TANGENT, kernels.BY_AXIAL, kernels.BY_PITCH])
-        # what has passed since: D(k) - D(k0) + F0 - L, and f = F - D
+        # cable passed since: D(k) - D(k0) + F0 - L, and f = F - D
         begun_by = np.where(stated & ~of_drum, g0, 0.0)
         at_phase = kernels.length_gradients(rows, np.ascontiguousarray(zero[0]), np.tile(phase, (m, 1)), scales)[at, at][None]
         radius = np.where(R > 0.0, R, 1.0)
@@ -285,7 +285,7 @@ class Parts:
         of_kernels = by_kernels(there, poses, counts, g, of_start=False) - by_kernels(begun, zero[0], zero[1][None], g0, of_start=True)
         arm = arms(rows, poses), np.einsum("mmi->mi", arms(rows, zero[0]))[None]
         moved = [np.concatenate([np.cross(way, side.by_way), side.by_way], axis=2) for way, side in ((arm[0], there), (arm[1], begun))]
-        # the phase follows what is out where counting began
+        # the phase follows the cable length where counting began
         rate = np.where(np.isfinite(self.phase_mm), 1.0, 0.0)
         shift = np.array([kernels.span_rows(rows[j : j + 1], pose)[0] for j, pose in enumerate(zero[0])])
         by_begun = rate * (there.by_theta - begun.by_theta) * per_mm

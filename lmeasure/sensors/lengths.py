@@ -24,7 +24,7 @@ from lmeasure.sensors.stated_errors import last_travel
 from lmeasure.text import Message, message, of_file, table as table_of
 
 POSE = 7  # Numbers of a pose
-NEARLY_UNIT = 1e-3  # By how much a quaternion's length may be off: it is made a unit by who reads poses, and rounded by who writes them
+NEARLY_UNIT = 1e-3  # Tolerance of a quaternion's length: readers normalize it, and writers round it
 MAX_ROUNDS = 30  # of fixed points whose contraction is a strain
 
 
@@ -252,7 +252,7 @@ def counts_from_poses(
     channel_rows, m = rig.cable_rows(chosen), sum(c.is_cable for c in chosen)
     absolute = np.array([rig.counter(c).absolute for c in chosen])
     angles = [not c.is_length for c in chosen]
-    # readings of angles go on along the motion, beyond half a turn too
+    # readings of angles continue along the motion, also beyond half a turn
     every[:, angles] = np.unwrap(every[:, angles], axis=0)
     all_counts = np.asarray(kernels.counts_from_changes(channel_rows, every[1:] - np.where(absolute, 0.0, every[0])))
     cables = cables_among(chosen)

@@ -109,7 +109,7 @@ class SensorKind:
         rows, poses = self._trials(len(parameters))
         with np.errstate(all="ignore"):
             wanted = [reading(*each) for each in zip(rows, poses, strict=True)]
-        # a compiled law cannot say why it fails
+        # a compiled law cannot report why it fails
         raises = failed or any(one.opname.startswith("RAISE") for one in dis.get_instructions(self.reading))
         failed = False
         if not raises and (compiled := _compiled(self.reading, len(parameters), steps, period)):

@@ -155,7 +155,7 @@ class Unsolved:
         self.assumed = tuple(v.typical for v in self.variables for _ in v.names)
         """Typical size of each column of `shifts`, empty for a stated one."""
         played = [v for v in chosen if v.kind in (laws.BACKLASH, laws.FRICTION)]
-        # as they obey one law they are one variable: of what is stated, and of what is assumed
+        # they follow one law, so they are one variable each, of stated and of assumed sizes
         self._plays = [(laws.FRICTION.key if assumed else "", self._band(rig, played, assumed)) for assumed in (False, True)]
         self._plays = [(key, band) for key, band in self._plays if band.any()]
         self.play_mm = np.sqrt(sum((band**2 for _, band in self._plays), start=np.zeros(len(self._cables))))
@@ -226,7 +226,7 @@ class Unsolved:
                     at = laws.Acted(rows[j], turns, counts[known, j], Span(*(values[:, j] for values in every)))
                     out[known, j, column : column + width] = v.u * v.kind.adds(at)
             column += width
-        # what a length does not depend on is no error of it, but a sample without a pose or a count has none
+        # a length has no error from values that it does not depend on, but a sample without a pose or count has none at all
         out[~known] = np.nan
         out[~np.isfinite(counts)] = np.nan
         return out
@@ -319,7 +319,7 @@ def unsolved_dimensions(
     variables = stated(rig, chosen, solved, laws.DIMENSIONS)
     size = {n: v.u for v in variables for n in v.names}
     assumed = {n: v.typical for v in variables for n in v.names}
-    # zeros of sensors are sources of their own, which a run may tell
+    # zeros of sensors are sources of their own, which a run may determine
     for sensor in {c.channel: c.table for c in chosen if isinstance(c, SensorChannel)}.values():
         own = {f"{sensor.channel}.{p.key}": sensor.u(p) * p.factor for p in sensor.solvable() if p.key != sensor.zero}
         size |= {name: u for name, u in own.items() if u and name not in solved}
@@ -361,7 +361,7 @@ def _selected(rig: Rig, cables: tuple[Observed, ...], names: list[list[str]], di
         drum = rig.counter(c)
         for s, name in enumerate(dimensions):
             if isinstance(drum, Drum) and name == f"{c.from_point}.count_length_mm":
-                # a longer count is a recorded count that stands for more: f changes by k c/scale and by -k
+                # a longer count means more cable per recorded count: f changes by k c/scale and by -k
                 out[j, PARAMETERS.index("scale"), s] = -drum.scale / drum.count_length_mm
             elif name in names[j]:
                 out[j, names[j].index(name), s] = 1.0

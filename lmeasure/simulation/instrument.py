@@ -22,7 +22,7 @@ from lmeasure.rig import Cable, Drum, ObservationPoint, Observed, Rig, cables_am
 from lmeasure.sensors import counts_from_poses, drawn_phases, effects_of, recorded_from_counts
 from lmeasure.simulation.motion import scattered_poses
 
-GUIDE_MM = 500.0  # From the fixed pulley to B, where the rig does not say
+GUIDE_MM = 500.0  # From the fixed pulley to B, unless the rig states it
 ROUNDS = 60
 TURN = 2.0 * np.pi
 
@@ -52,7 +52,7 @@ def true_counts(
         return drawn
     for j, c in enumerate(cables_among(cables)):
         change = machine_counts(rig, c, poses, zero)
-        # heat, stretch and sag act on next to nothing of what the parts do
+        # heat, stretch and sag hardly change the effects of the parts
         drawn[:, j] = change if effects_of(plain) is None else drawn[:, j] + change - machine_counts(plain, c, poses, zero)
     return drawn
 
@@ -78,7 +78,7 @@ def machine_counts(rig: Rig, cable: Cable, poses: FloatArray, zero: FloatArray) 
         out = machine.paid(turned, since)
         strings = machine.strings(points, out - out[0] + since)
         step = (strings - strings[0] - (out - out[0])) / machine.per_rad
-        # where counting began the drum stands at 0
+        # the drum is at angle 0 where counting began
         turned = turned + step
         if np.abs(step).max() < 1e-14:
             break
@@ -108,7 +108,7 @@ class _Machine:
 
     def paid(self, turned: FloatArray, since: float) -> FloatArray:
         """(n,) cable past the fixed pulley when the drum has turned by so much (n,) since it was zeroed, but for a constant."""
-        # the disc's middle, turned clockwise with the drum; the fixed pulley lies to the right, as high as the disc's top
+        # centre of the disc, turned clockwise with the drum; the fixed pulley is at the right, level with the top of the disc
         at_phase = 0.0
         for _ in range(ROUNDS if since else 0):
             slanted = np.hypot(self.tangent, self.axial + self.pitch * at_phase / TURN) - np.hypot(self.tangent, self.axial)
@@ -235,7 +235,7 @@ def simulate_run(
     rig = rig.model_copy(update={"unstated": "exact"})
     warm = None if temperature_c is None else float(temperature_c[0])
     start = poses[0]
-    # of its own stream: what else is drawn does not depend on it
+    # from its own stream, so that other draws do not depend on it
     of_phases, plays = rng.spawn(2)
     phase, passes = drawn_phases(rig, of_phases, rig.observed), []
     for number in range(1, rig.passes + 1):
@@ -297,7 +297,7 @@ def campaign_at(
     shift, turn = u_position_mm * rng.normal(size=(count, 3)), u_rotation_rad * rng.normal(size=(count, 3))
     rows = se3.displaced(poses, np.column_stack([turn, shift]))
     measured = replace(poses_from_rows(rows), u_position_mm=np.full(count, u_position_mm), u_rotation_rad=np.full(count, u_rotation_rad))
-    # what a person writes down are drums and pulleys as drawn
+    # the written file has nominal drums and pulleys
     nominal = as_drawn(rig).model_copy(
         update={
             "observation_point": tuple(

@@ -16,7 +16,7 @@ from lmeasure.linkages import rim_mm
 from lmeasure.sensors import span_rows
 from lmeasure.structure.links import Linkage
 
-WITHIN_MM = 0.5  # by which redundant links may be missed: far more than cables err, far less than other assemblies do
+WITHIN_MM = 0.5  # tolerance for redundant links: far more than errors of cables, far less than other assembly modes
 SIXES = 40  # of redundant links that are looked at
 SAME_MM = 1e-3  # a turn counted at the rim
 IMPROVED = 10  # steps of least squares

@@ -18,7 +18,7 @@ from lmeasure.structure.links import Linkage
 from lmeasure.text import message
 
 ALONG = 201  # poses of a way
-REACHED_MM = 1e-6  # by which a pose driven to may miss its lengths
+REACHED_MM = 1e-6  # tolerance of the lengths of a reached pose
 NEAR_MM = 1.0  # a pose no farther from an assembly is that assembly
 
 
@@ -118,7 +118,7 @@ def at_pose(linkage: Linkage, pose: FloatArray) -> dict[str, Any]:
             name = linkage.names[int(np.argmin(np.isfinite(lengths)))][0]
             raise FileFormatError(message("error.position_mm_cable_cannot", name=name))
         as_they_run = held(linkage, pose[None])
-        # a change of length is from a count to that of the zero pose: each off by up to half of one
+        # a change of length has two counts, there and at the zero pose, each with an error of up to half a count
         counts = held(linkage, pose[None], linkage.wrapped[:, COUNT_LENGTH] / np.sqrt(6.0))
         record["wrapped"] = _figures(as_they_run) | {
             "lengths_mm": lengths.tolist(),

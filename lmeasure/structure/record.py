@@ -25,8 +25,8 @@ from lmeasure.structure.slices import bounds_of, slices, window_mm
 from lmeasure.structure.text import described_lines
 from lmeasure.text import message
 
-DRAWN = 4096  # lengths among which the place is looked for at which tetrahedra stand highest
-BOXES = 2000  # of one proof, so that some sixty of them take seconds
+DRAWN = 4096  # sets of lengths in the search for the highest tetrahedra
+BOXES = 2000  # most boxes of one proof, so that sixty proofs take seconds
 SAME_MM = 1e-3  # a pose this near to an assembly in closed form is that one
 
 Limits = dict[str, tuple[float, float]]

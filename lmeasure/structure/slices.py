@@ -14,7 +14,7 @@ from lmeasure.structure.measures import lines_of
 from lmeasure.text import Message, composed, message
 
 PLANES = {"xy": (0, 1, 2), "xz": (0, 2, 1), "yz": (1, 2, 0)}  # Both directions of a plane, and that of its levels
-RAYS = 72  # directions in which the boundary is looked for
+RAYS = 72  # directions of the search for the boundary
 SAME = 2e-3  # of the reach: a ray that meets a limit so near to a followed boundary meets that one, whose corners may be cut by less
 ALONG = 48  # places of a straight line at which it is seen whether it keeps the limits
 POINTS = 200  # steps across the window
@@ -121,7 +121,7 @@ def followed(bounds: Bounds, plane: Slice, level: float) -> tuple[list[Piece], l
             found[i] = boundary(bounds, plane, rays[i], step)
         except StructureError as error:
             failed[i] = str(error)
-    # another ray may have followed what one could not, and show that one passed between cells through a gap narrower than its march
+    # another ray may have followed a boundary that this one missed in a gap narrower than its step
     own = [one for i, one in found.items() if not any(other.crosses(hits[i]) for j, other in found.items() if j != i)]
     left = dict.fromkeys(why for i, why in failed.items() if not _known(hits[i], own, plane.reach_mm))
     return [_piece(bounds, plane, one, level) for one in own], list(left)

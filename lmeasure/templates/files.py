@@ -41,7 +41,7 @@ def position_errors(rig: Rig, zeroed_at: FloatArray, poses: FloatArray, names: t
     counts = counts_from_changes(rows, np.ascontiguousarray(span_lengths(rows, poses) - begun))
     gradients = length_gradients_since(rig, rig.cable, zeroed_at, poses, counts=counts)
     of = np.array([[[name == one for one in names] for name in own] for own in parameter_names(rig)]) * FACTORS[:, None]
-    # what should read more than it is taken to is fitted by a pose that errs the other way
+    # a reading that should be larger is fitted by a pose with the opposite error
     errors = twists(rows, poses, np.tile(weights / weights.max(), (len(poses), 1)), np.arange(6)) @ np.einsum("nmw,mwq->nmq", gradients, of)
     return -np.asarray(errors[:, 3:])
 

@@ -85,7 +85,7 @@ def recording(path: Path, name: str) -> Iterator[rr.RecordingStream]:
             yield rec
             rec.flush()
         except RuntimeError as error:
-            _room(temporary)  # rerun does not say whether the disk is full
+            _room(temporary)  # rerun does not report a full disk
             raise LMeasureError(message("error.cannot_be_written_2", where=path, error=error)) from error
         finally:
             rec.disconnect()

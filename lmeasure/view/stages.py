@@ -279,7 +279,7 @@ def streamed_recording(path: Path, head: RunHead) -> Iterator[Each]:
             left = residuals.of(lengths, trajectory.poses)
             reported = reported or _tells(left)
             of_cables.add(trajectory.time_s, left, counts.first)
-            # what waits to be written is memory too
+            # unwritten data use memory too
             rec.flush()
 
         yield add

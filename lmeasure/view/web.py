@@ -92,7 +92,7 @@ def serving(recording: Path, port: int = 0) -> Iterator[ThreadingHTTPServer]:
 
 def serve(recording: Path, port: int, say: Callable[[str], None]) -> None:
     """Serve until Ctrl-C; say prints the address."""
-    # whoever stops this process stops rerun too; a shell without job control has what it runs beside itself ignore Ctrl-C
+    # stopping this process stops rerun too; background processes of a shell without job control ignore Ctrl-C
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     with serving(recording, port) as server:

@@ -51,7 +51,7 @@ async def _content(request: Request) -> tuple[dict[str, Any], str]:
         return {}, "the content is not application/json"
     try:
         content = json.loads(await request.body())
-        json.dumps(content, ensure_ascii=False).encode()  # half letters, which nobody could write down
+        json.dumps(content, ensure_ascii=False).encode()  # lone surrogates, which cannot be encoded
     except (ValueError, RecursionError):
         return {}, "the content is not JSON"
     return (content, "") if isinstance(content, dict) else ({}, "the content is not an object")

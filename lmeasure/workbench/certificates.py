@@ -170,7 +170,7 @@ def _drawn(name: str, unit: str, points: list[Point]) -> Course:
     span = max(days) - min(days)
 
     def x(i: int) -> float:
-        # certificates of one day stand beside each other
+        # certificates of one day are drawn side by side
         along = (days[i] - min(days)) / span if span else (i + 0.5) / len(days)
         return round(LEFT + 500.0 * along + 10.0, 1)
 

@@ -216,7 +216,7 @@ def command_words(command: str, given: Mapping[str, Any], folder: Path) -> list[
     missing = next((o.name for o in options.values() if o.required and given.get(o.name) in (None, "", [])), None)
     if missing is not None:
         raise SettingsError(missing, message("error.is_missing"))
-    # as from a command line: texts, of which the model makes numbers and tuples
+    # as from a command line: texts, which the model converts to numbers and tuples
     workflow.settings.model_validate(dict(given))
     return command_line(command, workflow.settings, given)
 
@@ -228,7 +228,7 @@ def existing(command: str, given: Mapping[str, Any], folder: Path) -> str:
     requested = settings.model_validate({n: str(folder / v) if n in paths and isinstance(v, str) else v for n, v in given.items()})
     there = (
         () if not isinstance(requested, Writing) or requested.force else requested.paths().outputs
-    )  # from the project, too, where nobody named it
+    )  # also inputs from the project that were not named
     return next((os.path.relpath(folder / path, folder) for path in there if os.path.lexists(folder / path)), "")
 
 

@@ -249,7 +249,7 @@ def secured(headers: MutableHeaders) -> None:
     headers.setdefault("Content-Security-Policy", PAGE)
     headers.setdefault("Cache-Control", "no-store")
     headers["X-Content-Type-Options"] = "nosniff"
-    # never a path, which is half of a session; by no-referrer a browser would not say where its forms come from
+    # never a path, which is half of a session; with no-referrer a browser would hide the origin of its forms
     headers["Referrer-Policy"] = "strict-origin"
     headers["Cross-Origin-Opener-Policy"] = "same-origin"
     headers["Cross-Origin-Resource-Policy"] = "same-origin"

@@ -71,7 +71,7 @@ class Job:
             with contextlib.suppress(OSError):
                 _append(self.folder / "said.jsonl", json.dumps(event, ensure_ascii=False).encode("utf-8", "replace") + b"\n")
         for queue in self.watchers:
-            # who reads too slowly misses what passes, never the end
+            # a slow reader misses transient events, never the end
             if queue.qsize() < KEPT_LINES or event.get("event") not in PASSING:
                 queue.put_nowait(event)
 
@@ -128,7 +128,7 @@ class Jobs:
         try:
             _write(folder / "asked.json", requested)
         except OSError:
-            # nobody would know of it
+            # the job would be lost
             job.process.kill()
             await job.process.wait()
             shutil.rmtree(folder, ignore_errors=True)
@@ -213,7 +213,7 @@ class Jobs:
         # a recording ended by its button is done
         job.state = DONE if code == 0 else failed
         job.ended = _now()
-        # on a full disk who looks on learns the end all the same
+        # on a full disk, readers still receive the end
         with contextlib.suppress(OSError):
             _write(job.folder / "end.json", {"state": job.state, "ended": job.ended, "code": code, "result": job.result})
         job.tell({"event": "end", "state": job.state})

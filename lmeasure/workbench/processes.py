@@ -71,7 +71,7 @@ class Forked:
         if line.endswith(b"\n"):
             self.returncode = int(line)
         else:
-            # the process it was forked from was killed: it works on, and nobody will know its code
+            # its parent process was killed: it continues, and its exit code is lost
             await self._gone()
             self.returncode = -signal.SIGKILL
         self.stdin.close()
@@ -208,7 +208,7 @@ async def _forked(words: list[str], folder: Path, environment: Mapping[str, str]
         pid = int(await asyncio.wait_for(reported.readline(), ANSWER_S))
         asking.write(requested)
     except (OSError, TimeoutError, ValueError):
-        # it has died: what it forked meanwhile finds nobody who asks, and ends
+        # it has died; its children find no client and end
         asking.close()
         streams[0].close()
         return None

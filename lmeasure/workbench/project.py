@@ -202,7 +202,7 @@ def steps(project: Project, checked: bool = False) -> tuple[Step, ...]:
     certificates = project.of("certificate")
     return (
         Step("rig", "/rig", bool(project.of("rig")), project.of("rig")[:1]),
-        # who has calibrated without them needs them no more
+        # a calibration without them makes them unnecessary
         Step("check", "/check", checked or bool(calibrated), ()),
         Step("plan", "/calibrate", bool(calibrated or project.of("poses") or project.of("calibration")), project.of("poses")[:1]),
         Step("calibrate", "/calibrate", bool(calibrated), calibrated[:1]),

@@ -44,7 +44,7 @@ LONGEST_END_S = 30.0
 """Longest time for the end of a server."""
 _OPTION = re.compile(r"--[a-z][\w-]*")
 for _name in COMMANDS:
-    # at the start, in one thread: what two requests begin to load at once is seen in halves
+    # at the start, in one thread: two requests must not see half-loaded modules
     load(_name)
 ROUTES = (*pages.ROUTES, *project_files.ROUTES, *runs.ROUTES, *certificates.ROUTES, *register.ROUTES, *api.ROUTES)
 CANNOT_READ = (LMeasureError, OSError, RecursionError)
@@ -236,7 +236,7 @@ def _listener(name: str, port: int) -> socket.socket:
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((name, port))
-        listener.listen(128)  # who comes before the server is up waits
+        listener.listen(128)  # early requests wait until the server is up
     except OSError as error:
         listener.close()
         raise LMeasureError(message("error.port_of_cannot_be", port=port, loopback=name, error=os_reason(error))) from error

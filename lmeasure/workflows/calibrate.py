@@ -318,7 +318,7 @@ def run_check_instrument(settings: CheckInstrumentSettings, progress: Progress =
     inputs = [(path.name, files.sha256(path)) for path in sources]
     content = as_dict(found) | {"time": when, "inputs": [{"file": name, "sha256": digest} for name, digest in inputs]}
     with ExitStack() as together:
-        # the page, the record and the line of the trend are of one check: all or none
+        # page, record and line of the trend belong to one check: all or none
         trend = (
             None
             if settings.trend is None

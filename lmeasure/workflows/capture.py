@@ -155,7 +155,7 @@ def _record(session: "Session", link: "Link", progress: Progress, keys: Keys | N
         if state.samples > samples:
             samples, since = state.samples, time.monotonic()
         behind = link.source.behind_s
-        if link.source.timestamp_source in ("kernel", "host"):  # another clock's stamps tell no latency
+        if link.source.timestamp_source in ("kernel", "host"):  # stamps of another clock show no latency
             behind = max(behind, state.latency_s or 0.0)
         for line in keys.typed() if keys is not None else ():
             session.behind_s = behind
@@ -167,7 +167,7 @@ def _record(session: "Session", link: "Link", progress: Progress, keys: Keys | N
             show(session)
         try:
             progress(len(folder.of_pass) / max(session.to_read, 1), "reading poses")
-        except CancelledError:  # as Ctrl-C: what was read is kept
+        except CancelledError:  # as Ctrl-C: readings are kept
             asked_to_end = True
 
     recording = record(
@@ -270,7 +270,7 @@ def run_play(
     open_bus = bus_opener(name, rig.can_table.bit_rate, options_from_text(settings.bus_option))
     try:
         bus = open_bus()
-    except Exception as error:  # each driver has its own way to say that there is no such device
+    except Exception as error:  # each driver reports a missing device by another exception
         raise LMeasureError(
             message("error.cannot_be_opened", where=name, error=" ".join(str(error).split()) or type(error).__name__)
         ) from error

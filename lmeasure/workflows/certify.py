@@ -428,7 +428,7 @@ def run_qualify(settings: QualifySettings, progress: Progress = silent) -> Resul
     from lmeasure.qualification import check_text, run_checks, write_qualification
 
     if settings.key is not None:
-        read_private_key(settings.key)  # nobody waits for checks that a wrong key would end
+        read_private_key(settings.key)  # check the key before the long computation
     checks = run_checks(steps(progress, "qualify"))
     settings.out.mkdir(parents=True, exist_ok=True)
     content = write_qualification(settings.out, checks, settings.key)

@@ -53,7 +53,7 @@ def writing(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, force: bool
     try:
         yield done
     except BaseException as error:
-        # broken off, or out of room: a part of its files would only stand in the way of the same command
+        # interrupted, or out of space: partial files would only block the same command
         if isinstance(error, CancelledError | KeyboardInterrupt) or isinstance(error.__cause__, OSError):
             for path in (one for one in candidates if before[one] is None):
                 with suppress(OSError):
@@ -84,7 +84,7 @@ def _refused(path: Path, inputs: Iterable[Path]) -> bool:
 def with_named(inputs: Iterable[Path]) -> list[Path]:
     """Return the inputs and the files that they name: the rig of a run or a scenario, the calibration or the DBC file of a rig."""
     found = list(dict.fromkeys(map(Path, inputs)))
-    for path in found:  # grows by what is named
+    for path in found:
         if path.suffix == ".toml":
             with suppress(LMeasureError, OSError, ValueError):
                 named = [path.parent / text for text in _texts(dict(read_toml(path)))]

@@ -101,7 +101,7 @@ def run_identify(settings: IdentifySettings, progress: Progress = silent) -> Res
     turn = None if settings.u_rotation_deg is None else math.radians(settings.u_rotation_deg)
     measured = read_robot_measurements(settings.measurements, settings.joints, robot.model, Stated(columns, settings.u_position_mm, turn))
     rows = measured.rows
-    # read before anything is computed: what cannot be read is said at once
+    # read before any computation, so that errors appear at once
     requested = None if settings.predict is None else read_measurements(settings.predict, robot.model, columns, joints_alone=True)
     unasked: list[str] = []
     if requested is not None:
@@ -255,7 +255,7 @@ def run_frames(settings: FramesSettings, progress: Progress = silent) -> Result:
     progress(0.9, "writing")
     fit, state = found.fit, found.state
     u = np.sqrt(np.diag(fit.covariance))
-    # where the residuals tell what the poses scatter by, they do so from so many of them
+    # degrees of freedom if the residuals determine the scatter of the poses
     factor = float(scipy.stats.t.ppf(0.975, fit.freedom if found.settings.own_noise else np.inf))
     parameters: list[dict[str, Any]] = [
         {"name": name, "value": float(value), "u": float(s), "u95": factor * float(s), "unit": "deg" if name.endswith("_deg") else "mm"}

@@ -132,7 +132,7 @@ def run_robot(settings: PlanPosesSettings, progress: Progress) -> Result:
 
     robot = nominal(str(settings.robot), settings.tip, settings.base_link)
     model = robot.model
-    freed(model, settings.free)  # names what is none before anything is computed
+    freed(model, settings.free)  # raises an error for unknown names before any computation
     base = pose_of(settings.base, "base") if settings.base else None
     tool = pose_of(settings.tool, "tool") if settings.tool else None
     sits = tool if tool is not None else robot.tool_pose
@@ -257,7 +257,7 @@ def run_plan_poses(settings: PlanPosesSettings, progress: Progress = silent) -> 
     )
     plan = plan_poses(rig, chosen, recorded, steps(progress, "planning"))
     more = {} if extend is None or recorded is None else further_columns(extend, len(plan.poses) - plan.recorded)
-    # planned as if exact where nothing is said of it; how exactly they will be known nobody has stated yet
+    # planned as exact without a statement; their later uncertainty is not stated yet
     unsaid = {"position": plan.poses.u_position_mm, "rotation": plan.poses.u_rotation_rad}
     planned = replace(plan.poses, absent=tuple(name for name, u in unsaid.items() if plan.poses.covariance is None and not u.any()))
     columns = pose_columns(planned, None if settings.quaternions else rig.angles) | more

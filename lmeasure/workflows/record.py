@@ -302,7 +302,7 @@ def run_check(settings: CheckSettings, progress: Progress = silent, *, ask: "Ask
     rig_from_dict(content, str(settings.write))
     try:
         files.rewrite_toml(settings.write, content)
-    except LMeasureError as error:  # a person has walked through all of it: what it showed is not lost
+    except LMeasureError as error:  # the user has completed the self-test: keep its results
         return Result(result, (*result.notes, *reported, *left), _figures(result), tuple(faults), failure=reason(error))
     code = "workflow.checked_again" if reported or left else "workflow.checked_nothing"
     lines = (*result.notes, *reported, *left, message(code, file=settings.write))

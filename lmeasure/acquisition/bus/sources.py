@@ -151,7 +151,7 @@ class BusSource:
             bus = self._open()
         except LMeasureError:
             raise
-        except Exception as error:  # each driver has its own way to say that there is no such device
+        except Exception as error:  # each driver reports a missing device by another exception
             # python-can calls functions of a driver's library that it has not found: Kvaser's
             reported = " ".join(str(error).split()) or type(error).__name__
             if isinstance(error, NameError):
@@ -338,7 +338,7 @@ class ReplaySource:
             return out
         if self._begin is None:
             self._begin = time.monotonic() - float(self._held.time_s[0])
-        # sleep until the last frame at hand is due, but no longer than asked for
+        # sleep until the last available frame is due, but no longer than requested
         time.sleep(min(max(self._begin + float(self._held.time_s[-1]) - time.monotonic(), 0.0), timeout_s))
         due = self._held.time_s <= time.monotonic() - self._begin
         count = len(due) if due.all() else int(np.argmin(due))
@@ -398,7 +398,7 @@ def bus_opener(bus: str, bit_rate: int | None = None, options: Mapping[str, str 
     interface, _, channel = bus.partition(":")
     from lmeasure.acquisition.bus.python_can import can
 
-    # what is wrong comes as an exception and is said in one line; a driver's chatter is not for the terminal
+    # errors come as exceptions and are reported in one line; messages of drivers are not for the terminal
     logging.getLogger("can").setLevel(logging.ERROR)
     if interface not in can.interfaces.BACKENDS:
         raise AcquisitionError(

@@ -191,7 +191,7 @@ class Watch:
             if abs(moved[j]) > self.least[j] and self.channels[j] != wanted:
                 reported.insert(
                     0, message("check.moves_not", channel=self.channels[j], wanted=wanted)
-                )  # first: a narrow terminal cuts what is behind
+                )  # first, because a narrow terminal cuts the end
         return "  ".join(reported)
 
     def _moved(self, begun: FloatArray | None, wanted: str) -> tuple[Moved, ...]:

@@ -361,7 +361,7 @@ def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1, *,
     """
     drums = rig.drums_of(passage)
     given = counts
-    # a swivel may well stand still while cables are moved
+    # a swivel may rest while cables move
     own = [j for j, channel in enumerate(given.channels) if channel in drums]
     counts = replace(given, channels=tuple(given.channels[j] for j in own), recorded=given.recorded[:, own], stamp_s=None, frames=None)
     if len(own) < 2:
@@ -383,7 +383,7 @@ def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1, *,
             others = np.delete(way[last] - way[first], j)
             if drums[channel].braked or np.median(others) < STALL_OTHERS_MM:
                 continue
-            # up to here the others still stood: the count is good
+            # the others were still at rest up to here, so the count is valid
             begin = first + int(np.argmax(np.median(np.delete(way[first : last + 1] - way[first], j, axis=1), axis=1) > 0))
             recorded[begin : last + 1, j] = np.nan
             lasted = float(counts.time_s[last] - counts.time_s[begin])

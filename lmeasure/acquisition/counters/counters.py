@@ -191,7 +191,7 @@ class CounterState:
         full = self.field.scale * self.field.modulus
         if self.codes:
             turned = counts % full
-            # what is a rounding below a whole turn would be a code that there is not
+            # rounding up to a whole turn would give a code that does not exist
             return np.asarray(np.where(turned < full, turned, 0.0))
         raised = counts + full / 2
         return (raised if ((raised >= 0) & (raised < full)).all() else raised % full) - full / 2
@@ -276,7 +276,7 @@ class CounterState:
         stamped_s = float(piece.times[i] - (piece.times[i - 1] if i else self.time_s))
         lengths = [(one, 0.0) for one in (pause.least_s, max(stamped_s, 0.0), pause.most_s)]
         if int(piece.gone[i]) == 1 and pause.least_s < pause.most_s:
-            lengths.append((pause.least_s, self.unit.hard))  # stamps alone say that there is a gap
+            lengths.append((pause.least_s, self.unit.hard))  # only the stamps show a gap
         bands = []
         for pause_s, hard in lengths:
             low, high = self.line.band(pause, pause_s, hard)
@@ -287,7 +287,7 @@ class CounterState:
             if low <= total <= high:
                 break
         width = high - low
-        # what started anew at zero may have moved as far as the motion goes in that time
+        # a counter that restarted at zero may have moved with the motion since
         was = self._signed(int(piece.values[i - 1]) if i else self.value)
         restart = width > self.unit.tight and abs(self._signed(int(piece.values[i]))) <= width
         restart &= abs(was) > RESET_LEAST and abs(total - before) > RESET_WITHIN + 1
@@ -297,7 +297,7 @@ class CounterState:
                 piece.even[i:] += pause_s - pause.least_s
             if int(piece.gone[i]) > 1 or (piece.gaps[i] and pause_s > pause.least_s):
                 self._state_step(piece, i, width, events)
-            elif piece.gaps[i] and hard:  # late without a gap by a hard stop, or missing readings: nobody knows
+            elif piece.gaps[i] and hard:  # late without a gap: a hard stop, or missing readings; undecidable
                 self._state_step(piece, i, max(high for _, high in bands) - min(low for low, _ in bands), events)
             return turns
         moved = {"moved": int(total - before), "seconds": most_s}

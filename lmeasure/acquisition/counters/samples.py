@@ -183,7 +183,7 @@ class SyncAssembler:
         if self._start_line is not None:
             self._started = np.concatenate([self._started, self._start_line.before(frames, readings.sync)])
         window = readings.window - 1 + len(self._sync_time)
-        begun = slice(int(np.searchsorted(window, 0)), None)  # what is before answers a SYNC that came before the recording
+        begun = slice(int(np.searchsorted(window, 0)), None)  # earlier frames answer a SYNC before the recording
         if len(frames):
             self._log = frames.timestamp_source == "log"
             self._late_stamps |= frames.timestamp_source == "host"
@@ -498,7 +498,7 @@ class SyncAssembler:
                 for k in range(late, w):
                     self._event(k, channel, "reordered", message("event.after_sync"))
             elif w >= ready:
-                continue  # what follows is not known yet
+                continue  # the next frame has not arrived yet
             elif len(mine) == 2 and not alone and n[c, w + 1] == 0 and values[0] != values[1]:
                 n[c, w + 1], value[c, w + 1] = 1, values[1]
                 n[c, w] = 1
@@ -509,14 +509,14 @@ class SyncAssembler:
                 for _ in range(len(mine) - 1):
                     self._event(w, channel, "duplicate")
             else:
-                # of which there are several still: neither one value nor a gap
+                # several values remain: neither one value nor a gap
                 self._event(w, channel, "conflict", ", ".join(str(v) for v in values[:4]))
 
     def _time_the_sync(self) -> None:
         """Estimate the period of the SYNC from its latest intervals."""
         if len(self._intervals) <= 2:
             return
-        # a log that was stamped in ticks has many SYNCs of one tick: those of a host that is late
+        # a log with stamps in ticks has many SYNCs with one stamp, as from a late host
         if self._log and len(self._intervals) >= MANY_INTERVALS:
             self._late_stamps |= TICKED < float(np.mean(self._intervals == 0.0)) < 1.0
         whole = self._intervals[self._intervals > 0.1 * np.quantile(self._intervals, 0.75)]  # doubled SYNCs part theirs

@@ -395,7 +395,7 @@ def scanned_batches(path: Path, blocks: Iterable[Bytes], dialect: ScannedLines, 
         known = np.zeros(len(dialect.kinds), np.int64)
         pos, columns = 0, None
         while pos < len(block):
-            columns = columns or new_columns((len(block) - pos) // USUAL_LINE + 1, width)  # where they are full, the next go on
+            columns = columns or new_columns((len(block) - pos) // USUAL_LINE + 1, width)  # the next columns continue where these are full
             count, used, status = dialect.scan(block[pos:], columns, known)
             if count:
                 parts.append(frames_of(columns, count, dialect.names(), path))

@@ -19,7 +19,7 @@ from lmeasure.text import joined, message
 
 _REPEATABILITY = ("u_repeatability_mm", "u_repeatability_deg")
 MIN_POSES = 2
-STILL_MM = 1.0  # beyond it the counts of a dwell are not of a robot that stands still
+STILL_MM = 1.0  # larger changes within a dwell mean that the robot moved
 
 
 def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> Campaign:
@@ -67,7 +67,7 @@ def read_campaign(folder: Path, columns: Mapping[str, Column] | None = None) -> 
     measured = tuple(c for c in rig.observed if c.passage in set(passage.tolist()))
     if not any(c.is_cable for c in measured):
         raise FileFormatError(message("error.no_cable_of_the", where=path, passage=passage[0]))
-    # a drum without a column is an error; what an encoder shows is more than what was always needed
+    # a drum without a column is an error; encoders are optional
     cables = tuple(c for c in measured if c.is_cable or c.channel in table.columns)
     unread = dict.fromkeys(c.channel for c in measured if c not in cables)
     notes = tuple(message("calibration.encoder_counts_csv_has", channel=channel) for channel in unread)

@@ -124,7 +124,7 @@ class Instrument:
         """(p + m, p + m) information of poses already counted, without the prior, and their zero poses."""
         m, theta = len(self.cables), self.unknowns.nominal
         distinct, of = np.unique(campaign.zero, return_inverse=True)
-        # the residuals of exact poses at the zero poses, read exactly, are what errs there
+        # with exact poses and exact readings, the residuals at the zero poses are the errors there
         exact = poses_from_rows(campaign.poses.rows[distinct], [f"zero {i}" for i in distinct])
         probes = np.where(of == np.arange(len(distinct))[:, None], 0.0, np.nan)
         model = Model(extended(self.predicted(campaign), exact, probes, reading=0.0), self.unknowns)

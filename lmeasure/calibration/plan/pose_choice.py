@@ -126,7 +126,7 @@ def plan_poses(rig: Rig, settings: PlanSettings, recorded: Campaign | None = Non
     zone = settings.zone or replace(settings.region, angles=None)
     targets, checks = (lengths_over(instrument, zone, log2, settings.seed) for log2 in (TARGETS_LOG2, CHECKS_LOG2))
     start = settings.region.centre if recorded is None else recorded.poses.rows[recorded.zero[0]]
-    # of one orientation alone there is no other to go to
+    # with one orientation there is no other to choose
     limits = settings.limits if settings.region.tilt_rad > 0.0 else replace(settings.limits, singular_deg=0.0)
     usable = Usable(rig, cables, limits, start)
     rng = np.random.default_rng([settings.seed, 11])

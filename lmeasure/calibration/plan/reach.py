@@ -174,7 +174,7 @@ class Usable:
     def _slack(self, rows: FloatArray) -> BoolArray:
         """(n, m) True where the tension that the rig states for a cable does not hold it."""
         change = span_lengths(self._rows, rows) - self._begun
-        # NaN where no tension is stated, or where the cable cannot run, which other limits say
+        # NaN without a stated tension, or where the cable cannot run, which other limits report
         slack = self._tension + self._rise * change <= self._limits.min_tension_n
         if self._effects is not None:
             n, m = change.shape

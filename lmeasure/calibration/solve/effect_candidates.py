@@ -141,7 +141,7 @@ def named_effects(model: Model, found: Fit) -> tuple[list[Finding], tuple[ShownE
     named: list[_Named] = []
     at = begun
     while len(named) < MOST and (pair := _asked(at)) is not None:
-        # the next is looked for in what this one leaves
+        # the next one is searched in the remaining residuals
         one, at = pair
         named.append(one)
     out: list[_Named] = []
@@ -176,7 +176,7 @@ def _beside_the_others(begun: _Fitted, named: list[_Named]) -> list[_Named]:
     while i < len(others):
         pair = _asked(begun.taking(*others[:i], *others[i + 1 :]))
         if pair is None or pair[0].best.law in [one.best.law for one in out]:
-            # nothing, or what stands for another already
+            # no effect, or one that another already represents
             del others[i]
             i, out = 0, []
             continue
@@ -212,7 +212,7 @@ def _with(model: Model, found: Fit, solve: tuple[str, ...]) -> tuple[Model, Fit]
     near = fit(wide, np.r_[found.theta[: model.own], nominal, found.theta[model.own :]], prior_everywhere=found.prior_everywhere)
     if scipy.stats.chi2.sf(near.chi2, max(near.freedom, 1)) > CHANCE:
         return wide, near
-    # what the effect bent may have been driven to another optimum, from which there is no way back
+    # parameters that absorbed the effect may be at another optimum, so start again
     afresh = fit(wide, wide.start, prior_everywhere=found.prior_everywhere)
     return wide, min(near, afresh, key=lambda one: one.chi2)
 
@@ -233,7 +233,7 @@ def _shown(deletion: Remainder, effect: Effect, tried: int) -> ShownEffect | Non
         return None
     information = deletion.information(effect.columns)
     q = len(information) if effect.sized is None else effect.sized
-    # what the components that are no size could make up for tells nothing
+    # directions that other components can compensate carry no information
     mixed, others = information[:q, q:], information[q:, q:]
     information = information[:q, :q] - mixed @ np.linalg.pinv(others, hermitian=True) @ mixed.T
     mean = float(np.trace(information)) / q

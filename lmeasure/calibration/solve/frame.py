@@ -137,7 +137,7 @@ def moved(model: Model, theta: FloatArray, move: FloatArray) -> FloatArray:
     for a, b in guide:
         u = turn.apply(guide_direction(math.radians(theta[a]), math.radians(theta[b])))
         alpha, beta = math.degrees(math.asin(max(-1.0, min(1.0, u[2])))), math.degrees(math.atan2(-u[0], -u[1]))
-        # on the branch of what it was
+        # on the branch of the earlier angle
         out[a], out[b] = alpha, beta + 360.0 * round((theta[b] - beta) / 360.0)
     for zero, own, frame in zip(zeros, of, before, strict=True):
         carried, new = turn.apply(frame[1]), guide_frame(*np.radians(out[own]))

@@ -58,7 +58,7 @@ def fitted_pose(model: Model, theta: FloatArray, pose: int, seed: int) -> FloatA
     cables, now = model.cable_index[mine], model.poses(theta)[pose]
     rows = np.ascontiguousarray(model.cables(theta)[0][cables])
     per_unit = model.campaign.mm_per_unit[cables]
-    # what the free spans must measure there
+    # lengths that the free spans must have there
     readings = span_lengths(rows, now[None])[0] - model.residuals(theta)[mine] / per_unit
     out = theta.copy()
     out[own] = fit_pose(rows, per_unit, readings, model.campaign.poses.rows[pose], free=model.free, begun=theta[own], seed=seed)

@@ -132,7 +132,7 @@ class Point:
 def box_of(campaign: Campaign, name: str, settings: CalibrationSettings) -> Box:
     """The neighbourhood of a nominal point."""
     half = np.array([settings.neighbourhood_mm] * 3 + [math.radians(settings.neighbourhood_deg)] * 2)
-    # nobody measured an assumed angle: all of its range is searched
+    # an assumed angle was not measured, so its whole range is searched
     for key, i, whole in zip(GUIDE, (3, 4), (math.pi / 2, math.pi), strict=True):
         if f"{name}.{key}" in campaign.rig.assumed:
             half[i] = whole
@@ -181,7 +181,7 @@ def solve_point(campaign: Campaign, name: str, settings: CalibrationSettings, ro
     )
     rivals = [f for f in others if f.objective < best.objective + EVIDENCE and _apart(best, f, unknowns.width) > APART]
     if best.rank < len(unknowns.names):
-        rivals = []  # the priors decide there, which is said
+        rivals = []  # the priors decide there, and a finding reports it
     return Point(name, coarse, boxes, best, model, rivals)
 
 

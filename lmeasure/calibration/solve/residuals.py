@@ -161,7 +161,7 @@ class Residuals(Problem):
             covariance[:, :, self._unstated] = 0.0
         if not self.places_known:
             place, covariance = np.zeros(len(poses)), None
-        # an assumed size of what is unknown anyway takes no part
+        # assumed sizes of unknown components have no effect
         absent = tuple(name for name in stated.absent if name == "position" and self.places_known)
         return Noise(place, turn, covariance, absent=absent)
 

@@ -269,11 +269,11 @@ def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Pro
     where, mode = regions(found, settings.seed, found.freedom if explained.estimated else None), found
     if sized is not None:
         where, found = _widened(where, sized.spread[: model.own]), sized.mean(found)
-    # what is not to move keeps its prior
+    # dimensions that must not move keep their priors
     dimensions = dimensions_of(model, found, None, corrected=False) if settings.solve else dimensions_of(model, mode, sized)
     findings = [Finding(code="note", text=n) for n in campaign.notes]
     findings += [*poses_findings(model, found), *wrong.findings, *misfits]
-    # by the stated noise: what explains residuals as noise would hide the law that they follow
+    # with the stated noise, because estimated noise would hide the law of the residuals
     named, shown = (
         ([], ())
         if blamed
@@ -346,11 +346,11 @@ def _begun(campaign: Campaign, settings: CalibrationSettings, progress: Progress
     def judge(other: Campaign) -> Fit | None:
         model = model_of(other, unknowns_of(other, settings.groups))
         start = model.start
-        # where nobody measured the nominal values the search begins
+        # start the search from nominal values that were not measured
         for name in dict.fromkeys(n.split(".")[0] for n in other.rig.assumed):
             if any(c.from_point == name for c in other.drums):
                 start = _started(model, start, [solve_point(other, name, replace(settings, prior=True), roughly=True)])
-        # the nominal rig may lie in another valley than the solutions of single points, and these may follow what is wrong
+        # the nominal rig may be in another valley than the solutions of single points, and these may follow errors
         fits = []
         for each in (start, begun.first.theta):
             # a reading that no rig can have runs off to where no cable runs: then it is no hypothesis

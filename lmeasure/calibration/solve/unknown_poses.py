@@ -57,7 +57,7 @@ def counted_poses(campaign: Campaign) -> Campaign:
         return campaign
     place = np.full(len(campaign.poses), -1)
     place[keep] = np.arange(len(keep))
-    # a reference pose of which only later visits were counted is its first of these
+    # a reference pose counted only at later visits takes the first of these
     _, first, group = np.unique(campaign.reference_of[keep], return_index=True, return_inverse=True)
     p = campaign.poses
     poses = replace(

@@ -217,7 +217,6 @@ class Model(Residuals):
             J = self.pose_jacobian(theta)
             shared = noise.scaled(J)
             if campaign.reference is not None:
-                # visits of one pose share its error
                 shared = np.einsum("eni,nr->eri", shared, campaign.reference_of[:, None] == np.arange(len(campaign.poses)))
             flat = shared.reshape(len(J), -1)
             V = V + flat @ flat.T

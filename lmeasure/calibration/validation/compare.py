@@ -176,7 +176,7 @@ def _lengths(old: Earlier, new: Calibration, seed: int) -> tuple[tuple[LengthShi
     rig, before = (of.rig.zeroed_at(rows[0]) for of in (new, old))
     counts = counts_from_changes(rig.cable_rows(cables), _changes(rig, rows, cables))
     raw = counts * rig.scales(cables)
-    # what either calibration makes of the same recorded counts: modelled less measured
+    # modelled minus measured lengths of the same counts by both calibrations
     shift = _misread(rig, rows, raw, cables) - _misread(before, rows, raw, cables)
     variance = _variance(rig, new.record, rows, raw, cables) + _variance(before, old.record, rows, raw, cables)
     out = []

@@ -124,7 +124,7 @@ def diagnose(
             return Diagnosis(campaign, tuple(findings), message("calibration.correct_calibrate_again", what=best.text))
         campaign, stated = best.campaign, fit
     if before_aside is not None and (not _explains(stated) or _repeated(findings[len(before_aside[2]) :])):
-        # what was set aside does not explain all, or more and more of one channel: then it is no slip of single numbers
+        # excluded readings do not explain everything, or concentrate in one channel: then single numbers are not the cause
         campaign, stated, findings = before_aside
     if findings and not _agrees(stated):
         named = tuple(f.channel or f.pose or f.code for f in findings)

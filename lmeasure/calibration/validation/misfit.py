@@ -98,7 +98,7 @@ def _covered(state: State[Model], findings: list[Finding], before: float) -> Exp
     u_length = np.maximum(np.zeros(len(model.campaign.cables)) if known is None else known, np.where(_drawn(model), state.doubt, 0.0))
     if improbable(found):
         excess = found.chi2 / found.freedom
-        # as if each length were off on its own: what stands behind it is not known, and may be in every length that is measured later
+        # as independent errors of each length: the cause is unknown, and may affect every later length
         u = evidence(found, found.V).best(every_length(model))[0]
         u_length = np.hypot(u_length, np.where(_drawn(model), u or _rms(found) * math.sqrt(1.0 - 1.0 / excess), 0.0))
         found = replace(found, covariance=np.asarray(found.covariance * excess), excess=excess)

@@ -146,7 +146,7 @@ def at_corner(cycle: Cycle, corner: Corner, what: str) -> Passing:
     step = float(np.median(np.linalg.norm(np.diff(after, axis=0), axis=1)))
     part_of_step = (nearest + float(part[nearest])) % FINER / FINER
     behind = slice(int(near[0]) + i, int(near[-1]) + 1)
-    # what hides, hides between the samples that were measured
+    # motion can hide only between measured samples
     read = cycle.measured
     read = read[(read >= near[0]) & (read <= near[-1])] - near[0]
     read = np.arange(len(positions)) if len(read) < 2 else read

@@ -145,7 +145,7 @@ class PathPart:
         rows = (np.diff(planes / c.pace_mm_s.mean(axis=1)[:, None], axis=0) / self._lasted.mean(axis=0)[:, None])[middle]
         rows *= speed.mean(axis=0)[:, None]
         along = np.concatenate([none[:, :1], c.tangent[:, None, :]], axis=2)
-        # what speeds differ by, from line to line too, is a wave; what they have in common is not
+        # differences of speed, also between lines, are fluctuation; their common part is not
         fluctuation = (speed - speed.mean()).T[:, :, None]
         less_speed = speed.mean() + self._likely(fluctuation, stretch[middle], rows, along)[:, :, 0].T
         self._states[False] = Planes(position, angles, turn, speed)
@@ -164,7 +164,7 @@ class PathPart:
         mean = waves.mean(axis=1, keepdims=True)
         likely = reduced(mean, added / n + (common**2).sum(axis=2), 1, DOUBT_OF_MEAN)
         if self.errors.joint and n > 1:
-            # cycles of a curve err each on its own all along
+            # each cycle of a curve has an error of its own
             of_cycles = self.errors.factors.reshape(m, n, 6, -1)
             apart = np.einsum(
                 "qm,mnl->qnl",
@@ -214,7 +214,7 @@ class PathPart:
         e = errors.reshape(*errors.shape[:-2], m, n, 6)
         along = np.einsum("...mni,mi->...nm", e[..., 3:], c.tangent)
         position = state.position + e[..., 3:] - np.swapaxes(along, -1, -2)[..., None] * c.tangent[:, None, :]
-        # what is seen ahead of where it is crosses a plane earlier, by as much as the robot needs there
+        # a measured position ahead of the true one crosses a plane earlier, by the robot's travel time
         stretch = (np.diff(along / c.pace_mm_s.T, axis=-1) / self._lasted)[..., self._middle]
         turned = e[..., :3]
         return Planes(

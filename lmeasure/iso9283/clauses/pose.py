@@ -100,7 +100,7 @@ class PosePart:
         laws = [random, *e.covariance_of(np.full((1, len(e)), 1.0 / len(e)))]
         for group in range(int(self.groups.max()) + 1):
             members = self.groups == group
-            # what other groups have in common with it does not set them apart
+            # errors common to other groups do not separate them
             alone = np.isin(e.place, e.place[~members], invert=True)[:, None, None]
             apart = replace(e, own=e.own[:, :, :0], local=np.where(alone, e.local, 0.0), shared=e.shared[:, :, :0])
             laws.append(random / np.sum(members) + apart.covariance_of(members[None] / np.sum(members))[0])
@@ -114,7 +114,7 @@ class PosePart:
             mean = se3.rotation(a.poses).mean()
             rates = angle_rates(self.convention, Rotation.from_quat(mean.as_quat()[None, :]))[0]
             self._rates.append(rates)
-            # the standard takes angles one by one, and so do what errors add to them
+            # the standard treats angles one by one, and so does this bias
             of_angles = [rates @ law[:3, :3] @ rates.T for law in laws]
             axes = [slice(i, i + 1) for i in range(3)]
             likely_angles = np.hstack([_reduced(angles[:, i], [law[i, i] for law in of_angles], self.groups) for i in axes])
@@ -159,7 +159,7 @@ def _reduced(values: FloatArray, laws: Sequence[FloatArray], groups: IntArray) -
     freedom = max(len(values) - len(laws) + 2, 1)
     square, added = (away**2).sum() / freedom, np.trace(laws[0])
     spread = np.trace(laws[0] @ laws[0])
-    # axes that err alike count as so many
+    # effective number of axes with equal errors
     alike = added**2 / spread if spread > 0.0 else 1.0
     less = reduction(square, added, freedom * alike)
     if several and np.bincount(groups).min() > 1 and square > 0.0:
@@ -208,7 +208,7 @@ def groups_of(name: str, cycles: int, program: Program) -> IntArray:
 def of_rests(errors: PoseErrors, pose: AttainedPose, groups: IntArray) -> PoseErrors:
     """Return errors of the means of a pose's dwells, in groups (n,) at one position each, from those of single samples."""
     if errors.rounded:
-        # what means scatter by because robots swing is not where they rest
+        # the scatter of means from vibration is not scatter of rest positions
         scatter = pose.scatter_within(groups) - pose.vibration.of_mean
         errors = of_dwells(errors, averaged(errors, pose.vibration, pose.readings), scatter, groups)
     return with_rest(errors, pose.vibration, groups)

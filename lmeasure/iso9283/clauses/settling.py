@@ -72,7 +72,7 @@ class SettlingTest(RestTest):
         time = reported.characteristic(0, CharacteristicKey("t_s", name), clause="7.4", unit="s", note=note)
         overshoot = reported.characteristic(1, CharacteristicKey("OV", name), clause="7.5", unit="mm", note=note, over=largest, above=band)
         if overshoot.u95 >= band:
-            # no draw errs by a band but those that never leave it again: then all of it may be none
+            # only draws that never leave the band can change by all of it: the overshoot may be zero
             overshoot = replace(overshoot, u95=max(overshoot.u95, overshoot.value))
         return Read((of_duration(time, motion.stamps), overshoot))
 

@@ -116,7 +116,7 @@ def windows_from_rests(
             continue
         rest = found.samples[rest_of[i]]
         middle = np.nanmedian(trajectory.poses[rest, :3], axis=0)
-        # a rest goes on until the robot has moved by still_mm: what needs its place at rest ends before
+        # a rest lasts until the robot has moved by still_mm; tests of the rest position end earlier
         begin, (_, end) = float(trajectory.time_s[rest.start]), settled(trajectory.time_s, trajectory.poses[:, :3], rest)
         following = next(iter(forces.values()), None)
         if following is not None and following[0] > begin:

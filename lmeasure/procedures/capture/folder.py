@@ -155,7 +155,7 @@ def open_folder(
     """
     path = Path(path)
     folder = CaptureFolder(path, rig, channels, passage)
-    read_poses(planned, rig.angles, positions_alone=True)  # says what is wrong with them
+    read_poses(planned, rig.angles, positions_alone=True)  # raises an error if they are wrong
     own = [path / name for name in ("rig.toml", "reference_poses.csv", "counts.csv", *beside)]
     begun = not (path / "capture.toml").exists()
     there = next((one for one in own if begun and one.exists()), None)
@@ -206,7 +206,7 @@ def _join_poses(folder: CaptureFolder, planned: Path) -> None:
     columns: dict[str, Any] = {"pose": [*own.names, *(n for n, fresh in zip(more.names, new, strict=True) if fresh)]}
     for name, values in there.items():
         if name != "pose":
-            # of what is stated of the old ones alone, the same of all, else nothing
+            # a value that only the old poses state applies to the new ones if all have the same
             other = planned_columns.get(name, np.full(len(new), values[0] if np.ptp(values) == 0.0 else np.nan))
             columns[name] = np.concatenate([values, other[new]])
     files.write_table(path, columns)

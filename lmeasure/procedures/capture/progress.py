@@ -78,7 +78,7 @@ class Forecast:
         all_read = Campaign(rig, poses, self._instrument.cables, np.zeros((len(poses), m)), np.zeros(m, np.int64))
         all_read = self._instrument.predicted(all_read)
         self.of_all = self.worth(all_read)
-        # what is compiled at its first use is compiled now, while nothing moves
+        # compile now, while nothing moves
         self.expected(all_read, poses.of(np.array([0])), np.zeros((1, m)))
 
     def worth(self, campaign: Campaign) -> Worth:

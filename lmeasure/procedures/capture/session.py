@@ -124,7 +124,7 @@ class Trust:
         mm = lengths_of_counts(self.rig, self.channels, self.passage)
         limit = np.where(mm > 0.0, np.maximum(KEPT_COUNTS, KEPT_MM / np.where(mm > 0.0, mm, 1.0)), KEPT_COUNTS)
         off = folded(np.array([mean - r.mean for r in readings]), moduli(self.rig, self.channels, self.passage))
-        # of each reading the half of the channels that agrees best says how near it is
+        # the best half of the channels of each reading gives its distance
         agree = np.sort(np.abs(off) / limit, axis=1)[:, : max(len(mm) // 2, 1)].max(axis=1)
         nearest = int(np.argmin(agree))
         wrong, pose = ~(np.abs(off[nearest]) <= limit), readings[nearest].pose
@@ -210,7 +210,7 @@ class Session:
         """Return the value of the readings so far; None if it is unknown."""
         return self.progress.worth
 
-    # --- what comes in ---
+    # --- input ---
 
     def feed(self, samples: Samples) -> None:
         """Take the samples of the recording, in their order; they are used after `look` has checked them."""
@@ -220,7 +220,7 @@ class Session:
         """A line that a person, or a script, has typed; waited_s is how long ago [s]."""
         word, _, rest = line.strip().partition(" ")
         apart = max(self.behind_s, waited_s)
-        if word in ("", "take") and apart > LATE_S:  # the counts are of another moment than that in which it was typed
+        if word in ("", "take") and apart > LATE_S:  # the counts are from another moment than the key
             self._refuse(message("capture.late", seconds=apart))
             return
         actions: dict[str, Callable[[], None]] = {
@@ -248,7 +248,7 @@ class Session:
         if behind_s > LATE_S >= self.behind_s:
             self._say(message("capture.behind", seconds=behind_s))
         self.behind_s = behind_s
-        if idle_s > IDLE_S and not self._idle:  # once, also where nobody asks for a reading
+        if idle_s > IDLE_S and not self._idle:  # once, even without a requested reading
             self._say(message("capture.no_counts_come_from"))
         self._idle = idle_s > IDLE_S
         pending, self._pending = self._pending, []
@@ -281,7 +281,7 @@ class Session:
             self._quit()
         self.keys = False
 
-    # --- what a person asks for ---
+    # --- commands ---
 
     def _take(self) -> None:
         if self.goal is None:
@@ -300,7 +300,7 @@ class Session:
             self._say(message("capture.nothing_take_back"))
             return
         reading = self.folder.take_back()
-        if self.keys:  # who takes it back does not want it again at once: `Enter`, or another rest
+        if self.keys:  # a deleted reading is not read again at once: wait for `Enter` or another rest
             self._held_s = self.rest.now_s
         self.progress.renew()
         if not self.folder.of_pass:
@@ -403,7 +403,7 @@ class Session:
                 self._refuse(why)
             return False
         if not self.folder.of_pass:
-            # nothing tells yet where the robot stands
+            # the robot's pose is not known yet
             return self.settings.by == "rest" or not self.keys
         mean = self.rest.middle
         assert self.goal is not None
@@ -423,7 +423,7 @@ class Session:
         whole = np.isfinite(dwell.recorded).all(axis=1)
         why = self._unfit() or _missing(dwell.recorded, self.folder.channels)
         if why:
-            self._held_s = self.rest.now_s  # said once of a rest
+            self._held_s = self.rest.now_s  # reported once per rest
             self._refuse(why)
             return
         was_return, first = self.returns, not self.folder.of_pass
@@ -493,7 +493,7 @@ class Session:
         self._wanted = False
         self._say(message("procedures.not_read", why=why))
 
-    # --- what is said ---
+    # --- output ---
 
     def _begin(self) -> None:
         done = len(self.folder.of_pass)

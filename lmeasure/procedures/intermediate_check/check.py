@@ -133,9 +133,9 @@ def _reconstruction(run: Run, aligned: Alignment) -> Reconstruction:
     """Return the reconstruction of a run: where its start is stated, before the run has shown anything of its origins."""
     if run.start is None:
         if not any(run.rig.counter(o).absolute for o in run.rig.observed):
-            # says what to do
+            # raises an error with the remedy
             _ = run.known_start
-        # by all channels: what one of them has against the others is what the check is about
+        # with all channels: their contradictions are the subject of the check
         found = prepare(aligned).with_estimate(None)
         lengths = aligned.zeroed(found.model.rig).lengths
         return found.with_estimate(estimate_origins(found, collect_epochs(found, [lengths])[0]))

@@ -65,7 +65,7 @@ class Verdict:
 
 def agreement(reconstruction: Reconstruction, stops: Stops, alarm: float) -> Verdict | None:
     """Return the agreement of the stops with the given rate of false alarms; None without redundant channels."""
-    # what the run determined of its origins is not compared with the run: they are uncertain as they were before
+    # origins determined by the run are not compared with it: they keep their earlier uncertainty
     readings = stops.readings + reconstruction.budget.offsets(stops.begin_s)
     reconstruction = reconstruction.with_estimate(None)
     redundancy, budget = reconstruction.redundancy, reconstruction.budget
@@ -97,10 +97,10 @@ class StopContradictions:
         residual = np.where(used, redundancy.residuals(poses, epochs.gone_on_mm), 0.0) / redundancy.unit
         self._residual, own = residual, epochs.variance_mm2 / redundancy.unit**2
         errors = redundancy.shared(epochs, poses, used) * redundancy.unit[:, None]
-        # what was found to go on from another origin is a matter of what is wrong, and no error that was to be expected
+        # restored origins are faults, not expected errors
         errors = errors[:, :, : errors.shape[2] - len(budget.restored)]
         shared = self.seen(errors)
-        # nothing is known of a start that nobody stated: it takes as many degrees of freedom
+        # an unstated start is unknown and uses its degrees of freedom
         origins = np.abs(budget.origin_lengths(epochs.time_s)[:, :, : len(budget.origin_names) - len(budget.restored)])
         origins = origins.max(axis=(0, 1), initial=0.0)
         anywhere = shared[:, shared.shape[1] - len(origins) :][:, origins > UNKNOWN_MM / 2.0]
@@ -219,7 +219,7 @@ def explained(reconstruction: Reconstruction) -> tuple[Message, ...]:
     rig, free = model.rig, len(model.scheme.free)
     if samples is None or model.correction is not None or rig.passes > 1 or free < len(FREEDOMS):
         return ()
-    # what a counter lost is looked for among what is left, and would lead poses astray
+    # lost counts are searched in the residuals, and would falsify poses
     right = changes_from_counts(rig, shifted(reconstruction.doubts.shifts, samples.time_s, samples.counts), rig.observed)
     changes = np.where(np.isfinite(samples.change_mm), right, np.nan)
     poses = reconstruction.poses_of(changes - reconstruction.budget.offsets(samples.time_s))

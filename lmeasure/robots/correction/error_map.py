@@ -222,7 +222,7 @@ def _fitted(poses: FloatArray, errors: FloatArray, near: Process | None = None) 
     whole = cho_solve((L, True), np.eye(n))
     of_trend = cho_solve((M, True), (whole @ H).T)
     diagonal = np.diag(whole) - np.einsum("nq,qn->n", whole @ H, of_trend)
-    # Q e = K^-1 (e - H beta): what is left out differs by its parts of the diagonal
+    # Q e = K^-1 (e - H beta): omitted points differ by their parts of the diagonal
     left_out, u = weights / diagonal[:, None], np.sqrt(sizes / diagonal[:, None])
     misfit = max(1.0, float(np.sqrt(np.mean((left_out / np.maximum(u, 1e-300)) ** 2))))
     return Process(poses, L, weights, trend, M, sizes, length, angle, share, left_out, u, misfit)

@@ -108,12 +108,12 @@ def cross_validation(found: Identified[R], folds: int = FOLDS, seed: int = 0) ->
         squares.append(error**2 / np.einsum("nii->n", determined.covariance))
     at, square = np.concatenate(order), np.concatenate(squares)
     weight = found.fit.problem.weight
-    # what weights take from the errors of a robot of which nothing is wrong is no fit
+    # the effect of weights on the errors of a sound robot is not fitting
     if weight is not None:
         square = square / np.array([scatter(int(m)) for m in rows.known[at].sum(axis=1)])
     counts = np.ones(len(at)) if weight is None else weight[at]
     error, radius = np.concatenate(errors), np.concatenate(radii)
-    # joints that repeat differently err by the pose: a few farther than a common covariance says, and more of them nearer
+    # with joints of different repeatability a few errors are larger than a common covariance predicts, and more are smaller
     farthest = float(np.quantile(error / radius, 0.95, weights=counts, method="inverted_cdf"))
     misfit = max(1.0, float(np.sqrt(np.average(square, weights=counts))), farthest)
     return CrossValidation(at, error, misfit * radius, misfit)
@@ -197,7 +197,7 @@ def _half(
     information = jacobian.T @ jacobian
     normal = information + prior
     size = np.sqrt(np.diagonal(normal))
-    # base and target of a gantry move alike: what only wide priors tell apart moves no prediction
+    # base and target of a gantry move alike: combinations that only wide priors separate do not change predictions
     covariance = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-14, hermitian=True) / np.outer(size, size)
     step = covariance @ (jacobian.T @ residuals - prior @ theta)
     left, at = residuals - jacobian @ step, theta + step
@@ -235,7 +235,7 @@ def worth_freeing(found: Identified[R]) -> list[Worth]:
         if count < 1:
             continue
         n, rest = len(target), _left(jacobian[:, full], target, prior[full])
-        # a noise that the residuals tell they tell from so many of them
+        # degrees of freedom of the noise that the residuals determine
         spare = fit.counted - fit.determined - (0 if freed else count)
         left = min(spare, fit.spare - (0 if freed else count))
         tested = fall_test(drop, count, rest * left / spare, left) if fit.problem.own_noise and spare > 0.0 else None

@@ -474,7 +474,7 @@ def predicted(found: Identified[R], rows: Measurements, instrument: FloatArray) 
     known = found.beyond.places(jacobian, fit.covariance)
     robot = found.of_robot(rows)
     covariance = found.misfit**2 * (known + robot + instrument)
-    # the noise is known from as many degrees of freedom as the residuals leave, but for what is stated of the instrument
+    # the noise has the degrees of freedom of the residuals, except the stated part of the instrument
     own = np.einsum("nii->n", robot)
     estimated = own / np.maximum(own + np.trace(instrument, axis1=-2, axis2=-1), 1e-300) if found.rows.stated[0] else 1.0
     wider = 1.0 + estimated * float(t.ppf(0.975, fit.freedom) / t.ppf(0.975, np.inf) - 1.0)

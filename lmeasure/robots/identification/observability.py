@@ -54,7 +54,7 @@ def unobservable_directions(fit: Fit[R]) -> list[UnobservableDirection]:
     free, names = len(unknowns.freed), unknowns.names
     white = fit.information * np.outer(width, width)
     own, cross, frames = white[:free, :free], white[:free, free:], white[free:, free:]
-    # what the instrument errs by in all rows is no frame: it is known by its own size
+    # common errors of the instrument are not a frame: their own size limits them
     shared = np.arange(free, len(names)) >= unknowns.asked
     frames = frames + np.diag(shared.astype(np.float64))
     size = np.sqrt(np.maximum(np.diag(frames), 1e-300))

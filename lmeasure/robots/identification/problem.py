@@ -375,9 +375,9 @@ def _scores(fit: Fit[R]) -> tuple[FloatArray, FloatArray]:
         jacobian = fit.at.jacobian[of].reshape(len(of), n, -1)
         inverse = np.linalg.inv(V)
         share = jacobian @ fit.covariance @ np.swapaxes(jacobian, 1, 2) @ inverse
-        # with weights: of what a fit leaves without the stay, times what the stay then counts
+        # with weights: residual of a fit without the stay, times the weight of the stay
         left = (np.eye(n) - counts * share) @ (np.eye(n) - counts * share + share) @ V
-        # what is left of a component that is used up to determine the unknowns tells nothing of noise
+        # a component that is used up by the unknowns shows no noise
         diagonal, least = np.einsum("nii->ni", left), LEAST_LEFT * np.einsum("nii->ni", V)
         left = left + np.maximum(least - diagonal, 0.0)[:, :, None] * np.eye(n)
         weight, normal = np.ones(len(of)), np.ones(len(of))

@@ -326,7 +326,7 @@ def _in_order(found: Rests, commanded: Commanded, robot: RobotModel) -> IntArray
             raise RobotError(message("error.has_rows_the_trajectory", where=commanded.path, n_commanded=len(commanded), n_found=len(found)))
         return same
     pairs = aligned(found.poses, robot.forward(commanded.joints))
-    # of a robot that is not what it is taken for no angle fits; its slips are looked for with rests and rows one by one
+    # no angle fits a wrong robot; its mistakes are searched with rests and rows in order
     return same if same is not None and len(pairs) < LIKELY * len(same) else pairs
 
 

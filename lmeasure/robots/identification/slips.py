@@ -52,7 +52,7 @@ def mended(robot: AnyRobot, rows: Measurements, seed: int = 0) -> Mended:
     slips: list[_Slip] = []
     misfit = _misfit(robot, some, seed)
     while misfit > 1.0 and len(findings) < MOST:
-        # lengths that cannot be of one robot hide everything else, and are put right whatever they leave
+        # impossible lengths hide everything else, and are corrected in any case
         sized = [] if findings else [pair for pair in _slips(robot, some) if _impossible(robot, some) and pair[0].code == "units"]
         sized = [(said, slip) for said, slip in sized if said.of != "joints" and not _impossible(*slip(robot, some))]
         if sized:
@@ -96,7 +96,7 @@ def _misfit(robot: AnyRobot, rows: Measurements, seed: int) -> float:
         return math.inf
     measured = rows.position[rows.placed] if rows.placed.any() else rows.length_mm[rows.ranged, None]
     spread = float(np.sqrt(((measured - measured.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    # half of the rows may be outliers: what the others show is judged
+    # half of the rows may be outliers: judge by the others
     return frames.rms_mm / (SUSPECT_PART * max(spread, 1e-9)) if frames.rms_mm > SUSPECT_MM else 0.5 * frames.rms_mm / SUSPECT_MM
 
 
@@ -142,7 +142,7 @@ def _slips(robot: AnyRobot, rows: Measurements) -> Iterator[tuple[Noted, _Slip]]
         yield noted("units", "units.joints.deg", "joints"), _joints_times(True, math.pi / 180.0)
         if serial:
             yield noted("units", "units.robot.rad", "robot"), _robot_times(1.0, 180.0 / math.pi)
-    likely = not serial or SMALLEST_MM < _size(robot) < LARGEST_MM  # which of two lengths is wrong their ratio does not tell
+    likely = not serial or SMALLEST_MM < _size(robot) < LARGEST_MM  # the ratio of two lengths does not show which one is wrong
     for factor, unit in ((1e3, "m"), (1e-3, "um"), (25.4, "in")) if serial else ((1e3, "m"), (25.4, "in")):
         if not serial and not turning.all():
             yield _units("lengths", unit, "joints"), _joints_times(False, factor)

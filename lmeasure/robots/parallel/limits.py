@@ -244,7 +244,7 @@ def _gaps(robot: Parallel, limits: Limits, drives: FloatArray) -> BoolArray:
     if gap is None or (limits.least_gap_deg is None and limits.most_gap_deg is None):
         return np.ones(len(drives), np.bool_)
     least, most = limits.least_gap_deg or 0.0, 360.0 if limits.most_gap_deg is None else limits.most_gap_deg
-    # once round the guide: who has passed a neighbour goes round twice and more
+    # once around the guide: a carriage that passed a neighbour would go around twice or more
     kept = (gap >= least - 1e-9) & (gap <= most + 1e-9)
     return np.asarray(kept.all(axis=1) & (gap.sum(axis=1) < 540.0))
 

@@ -220,7 +220,7 @@ def over_grid(
             own, kept = _cells(file, axes, poses if full else _followed(file, poses))
             met.append(np.unique(kept // len(places) * len(times) + own))
             progress((first + len(group) * min(1.0, (begin + BLOCK) / count)) / len(every))
-        # of one orientation a cell counts once, however many poses lie in it
+        # a cell counts once per orientation, for any number of poses in it
         times += np.bincount(np.unique(np.concatenate(met)) % len(times), minlength=len(times)).astype(np.int32)
     times = times.reshape(cells)
     found = Workspace(*axes, times > 0)

@@ -290,7 +290,7 @@ def write_curve(path: Path, curve: Curve) -> None:
 
 
 SAME_MM = 1e-6
-FINER = 4  # Points between samples by which the path is measured
+FINER = 4  # Points between samples for the length of the path
 
 
 def motion_of_curve(trajectory: Trajectory, curve: Curve, of_run: Trajectory | None = None) -> Motion:

@@ -62,18 +62,20 @@ TRIES = 3  # Spacings, each half of the one before, that are tried where the cho
 STRAIGHT_MM, LEVER_MM = 0.1, 1000.0
 """Move, of a turn at this lever, up to which the equations are followed by their own slopes: readings bend by some 5e-6 mm
 there. Equations of clocks are made anew, since they bend with the acceleration."""
-DOUBT = 16.0  # Times the variance of differences from a log, as it is estimated: what a robot does besides follows its motion, not chance
+DOUBT = (
+    16.0  # Factor on the estimated variance of differences from a log, because a robot's deviations follow its motion, not chance
+)
 SMOOTHINGS = 3  # Estimates of the snap in each round
-CHOSEN_BY = 3000  # Samples by which the spacing is chosen
+CHOSEN_BY = 3000  # Samples for the choice of the spacing
 WIDEST = 8  # Intervals that the run, or that part, has at least
 FARTHEST = 2  # Spacings worse than the best after which no finer one is tried
-ALIKE = 10.0  # Logarithm of the evidence by which a spacing may be worse than the best: it is halved
+ALIKE = 10.0  # Largest loss of log evidence of a spacing against the best; it is halved
 CHUNK = 4096
-U_CLOCK_RATE = 1e-4  # Of a clock whose rate nobody states: that of a quartz in its worst climate
+U_CLOCK_RATE = 1e-4  # For a clock without a stated rate: a quartz in its worst climate
 BRIDGED_MM = 1.0  # Standard uncertainty of the position up to which a gap is bridged
-HELD = 1e24  # Weight of what a constraint holds
-BEYOND = 4.0  # Standard uncertainties of the stamps by which a curve goes on beyond the first and the last
-UNSEEN = 0.9  # Of the standard uncertainty of a clock before the run: what is left where the run shows nothing of it
+HELD = 1e24  # Weight of constrained values
+BEYOND = 4.0  # Extension of a curve beyond its first and last stamp, in standard uncertainties of the stamps
+UNSEEN = 0.9  # Relative to the standard uncertainty of a clock before the run: above it the run does not determine the clock
 
 
 @dataclass(frozen=True)
@@ -355,7 +357,7 @@ def readings_of(reconstruction: Reconstruction, lengths: Lengths, trajectory: Tr
     changes = reconstruction.corrected(lengths, state).change_mm + budget.offsets(lengths.time_s)
     times, counts, u_mm, u_clock_s = np.tile(lengths.time_s[:, None], (1, changes.shape[1])), lengths.counts, lengths.u_mm, 0.0
     if lengths.frames is not None:
-        # each frame at its own time; what is uncertain of that is the clock's
+        # each frame at its own time; the uncertainty of that time is the clock's
         times, beyond = lengths.frames
         counts, u_mm = lengths.counts + beyond, None
         rows = rig.cable_rows(rig.observed)
@@ -456,7 +458,7 @@ def reconstruct_curve(
         used = by_log.evidence > without.evidence
         curve = by_log if used else without
         notes = (*notes, _note_of_log(joints, shape, trajectory.time_s, curve, without))
-    # zeros that are known to a degree bend: what they share beyond first order is that of the samples
+    # zeros known to a degree only are nonlinear: their part beyond first order is that of the samples
     rough = len(reconstruction.budget.sources) > sum(len(source.names) for source in reconstruction.budget.every)
     return replace(on_curve(trajectory, curve, systematic=not rough), notes=notes), curve
 

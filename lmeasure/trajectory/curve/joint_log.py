@@ -20,10 +20,10 @@ from lmeasure.text import message
 from lmeasure.trajectory.files.trajectory import Trajectory
 
 LATE_S, STEPS = 1.0, 80  # Largest difference of the clocks, and steps of it that are tried to either side
-FITTED = 100  # Samples by which frames and clock are found
+FITTED = 100  # Samples for frames and clock
 ROUNDS = 20  # Of the fit of the frames, which is linear in the target and in the turn by turns
 LEVER_MM = 300.0  # At which a turn counts as a displacement
-ASTRAY = 0.1  # Of the spread of the positions, by which the log may miss them
+ASTRAY = 0.1  # Largest error of the log relative to the spread of the positions
 LEAST = 8  # Rows of a log
 
 

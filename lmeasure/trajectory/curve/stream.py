@@ -26,7 +26,7 @@ from lmeasure.trajectory.time.passes import align
 HOPS = 4  # Fits in a lag
 KNOTS_S = 8e-3  # Interval of the knots, if samples are not farther apart and fit; else it is halved down to half the samples' interval
 AGAIN = 3  # Rounds of a fit that begins with the smoothness of the one before
-LEAST_KNOTS = 8  # Intervals of knots in a lag at least: what is farther off hardly acts on a pose
+LEAST_KNOTS = 8  # Least intervals of knots in a lag: farther readings hardly affect a pose
 MISFIT = 1.5  # Mean square of residuals, in standard uncertainties, from which readings contradict each other or the knots
 
 
@@ -79,7 +79,7 @@ class CurveStream:
         self._due = self._done = self._block_ends = -np.inf
         self._knots_s = np.inf
         self._known: Known | None = None
-        self._block: Known | None = None  # What the last of the windows that do not overlap shows
+        self._block: Known | None = None  # Information of the last non-overlapping window
         self._before: tuple[FloatArray, Control] | None = None  # Times of the control poses of the last fit
 
     def push(self, time_s: float, recorded: FloatArray) -> Instants | None:

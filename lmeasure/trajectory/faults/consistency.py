@@ -33,7 +33,7 @@ SHOWS = (3.0, 30.0)
 """Standard uncertainties, within these bounds, of half a cable's error at the alarms, so that an agreement counts against it."""
 AGAIN_S = 0.1
 AGAIN = 5  # Samples, and for so long, a cable must agree again
-MOSTLY = 0.8  # Of those samples: one of twenty lies beyond two standard uncertainties
+MOSTLY = 0.8  # Part of those samples: one of twenty is beyond two standard uncertainties
 
 
 def spans(time_s: FloatArray, alarms: IntArray, error: FloatArray, u: FloatArray) -> list[tuple[int, int]]:
@@ -47,7 +47,7 @@ def spans(time_s: FloatArray, alarms: IntArray, error: FloatArray, u: FloatArray
     for alarm in alarms.tolist():
         if out and alarm <= out[-1][1]:
             continue
-        # several channels may err so that for a while no single one seems to
+        # several channels may be wrong so that for a while none seems to be
         before = np.flatnonzero(agrees[:alarm])
         first = int(before[-1]) + 1 if len(before) else 0
         again = (int(begin) for begin in np.flatnonzero(agrees[alarm:]) + alarm if _agrees_from(int(begin), time_s, agrees))
@@ -96,7 +96,7 @@ def joined(pieces: list[Epochs]) -> Epochs:
 SIGNIFICANCE = 1e-3  # Of a run: that a sound one gives an alarm, and that an explanation which is right is refuted
 HARDLY = 1e-6
 """Probability of the only remaining explanation below which it is refuted: the tails of a calibration's law are not known well."""
-JUDGED = 40  # Alarms by which explanations are judged, the strongest among them
+JUDGED = 40  # Alarms that test explanations, the strongest among them
 APART_S = 1.0  # Without an alarm, between alarms that are explained one by one where nothing explains them all
 WORTH = 0.05  # Chance, by the normal law, of the largest contradiction of some channels from which the law of their rounding is worked out
 PROVES = 5.0
@@ -105,7 +105,7 @@ BACK_MM = 0.05  # Standard uncertainty of an error up to which redundant cables 
 MOST_EPOCHS = 2**17  # Kept of a run: of a longer one, of several neighbours the one that contradicts itself most
 SUSPECT = 1e-4
 """Chance, by an upper bound of chi-squared and the normal law, from which a sample's contradictions are worked out to be compared."""
-ON_THE_WAY = 2000  # Epochs by which a run is followed to its alarms
+ON_THE_WAY = 2000  # Epochs for the path of a run to its alarms
 ROUNDS = 40
 IN_TIME = {
     "cable.left_out": "cables.left_out",
@@ -138,11 +138,11 @@ class Consistency:
             alarms = self._alarms(parities, poses)
             if not len(alarms):
                 break
-            # so many faults one after the other: whatever still contradicts itself then is nobody's
+            # after this many faults, remaining contradictions belong to no single channel
             every += self._doubts(alarms, parities) if number < ROUNDS else self._inconsistent((), alarms, parities)
         notes = list(before.notes)
         every, proved = self._proved(every)
-        # what was said of an origin that is right, by itself or with what came of it
+        # notes on an origin that is right, alone or with its consequences
         notes = [note for note in notes if not {note, note.values.get("what")} & proved.keys()] + list(proved.values())
         new = [d for d in every if all(d is not old for old in before.every)]
         every.sort(key=lambda d: (d.after_s, d.cable))
@@ -205,7 +205,7 @@ class Consistency:
             poses.append(every[np.searchsorted(way, chosen)])
         epochs = self._epochs.at(chosen)
         chances = [self._chance(epochs, cables, at) for cables, at in zip(sets, poses[1:], strict=True)]
-        # without some cable a run may end at a singular pose; what it leaves is then tested at the poses that explain most, to first order
+        # without some cable a run may end at a singular pose; its residuals are then tested to first order at the poses that explain most
         best = poses[1 + int(np.argmax(chances))]
         known = np.where(np.isfinite(best), best, poses[0])
         filled = [np.where(np.isfinite(at), at, known) for at in poses[1:]]
@@ -257,7 +257,7 @@ class Consistency:
             parities = self._redundancy.parities(self._epochs, poses, used)
             errors.append([values[:, cable].copy() for values in parities.errors])
             alike.append(scipy.stats.chi2.sf(parities.chi_squared[alarms], parities.freedom[alarms]) >= SIGNIFICANCE)
-        # cables that err at different times: each is left out at alarms that the rest of them does not explain
+        # cables with faults at different times: each is excluded at alarms that the others do not explain
         among, out = np.array(alike).all(axis=0), []
         for cable, (error, u), agrees in zip(cables, errors, alike, strict=True):
             own = alarms[among | ~agrees]

@@ -89,7 +89,7 @@ class Doubts:
         reasons = []
         for j, before in enumerate(lengths.reasons):
             mine = [Reason(d.mask(lengths.time_s), d.status, d.said) for d in here if d.cable == j]
-            # whether an encoder of angles lost its origin nothing else tells
+            # nothing else shows whether an angle encoder lost its origin
             kept = [r for r in before if r.status != Status.ORIGIN_LOST or j >= lengths.lengths]
             reasons.append((*kept, *(r for r in mine if r.mask.any())))
         lengths = with_reasons(rig, lengths, tuple(reasons))
@@ -116,9 +116,9 @@ STEP_MM = 0.2  # A smaller step may be a cable's that sticks and slips
 BINS = np.concatenate([[0.0], np.geomspace(1.0, 1e9, 181)])  # Accelerations [mm/s^2] up to which they are counted
 JITTERED = 4.0  # Times the way that a cable goes while stamps are off: both speeds, and the interval itself
 AROUND = 6  # Samples either way over which a speed is taken that stale counts do not hide
-EVEN = 0.02  # Of an interval by which stamps of rows that are not there may differ from whole intervals
+EVEN = 0.02  # Tolerance, in intervals, of whole multiples between stamps around missing rows
 HOLE = 2.5  # usual intervals: a longer one is a gap
-SMALLEST_COUNTS = 2.0  # by which rounding alone may miss the interval
+SMALLEST_COUNTS = 2.0  # largest effect of rounding alone
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def steps_seen(
     twice = 2.0 * d[:, stride : stride + last]
     twice -= d[:, :last]
     twice -= d[:, 2 * stride :]
-    # between samples of one order both continuations err alike by half of this at most, whatever the stamps say
+    # errors of both continuations by half of this at most are alike, for any stamps
     rows = first + np.flatnonzero(np.fmax.reduce(np.abs(twice, out=twice), axis=0) > 2.0 * STEP_MM)
     if not len(rows):
         return []
@@ -277,7 +277,7 @@ class StandingFinder:
         gone = steps.clip(-most, most).cumsum(axis=0) + self._way
         self._way = gone[-1]
         for j in np.flatnonzero(self._together.any(axis=1)):
-            # empty cells neither move a channel nor let it stand
+            # empty cells show neither motion nor rest
             seen = np.flatnonzero(np.isfinite(mm[:, j]))
             if len(seen):
                 self._look(int(j), time_s[seen], mm[seen, j], gone[seen])
@@ -292,7 +292,7 @@ class StandingFinder:
         values, times = np.concatenate([self._last[j : j + 1], mm]), np.concatenate([self._last_s[j : j + 1], time_s])
         moved = np.flatnonzero((values[1:] != values[:-1]) | ~(np.diff(times) <= STANDS_S))
         edges = np.concatenate([[0], moved, [len(time_s)]])
-        # the one that goes on from before, long ones, and the one that will go on
+        # the interval that continues from before, long ones, and the last one
         lasting = time_s[edges[1:] - 1] - time_s[edges[:-1]] >= STANDS_S
         lasting[0] = lasting[-1] = True
         for number in np.flatnonzero(lasting).tolist():
@@ -304,7 +304,7 @@ class StandingFinder:
                 self._go_on(j, time_s[begin:end], gone[begin:end])
             if self._told[j] and end < len(time_s):
                 k = max(i for i, stood in enumerate(self._found) if stood.cable == j)
-                # the last sample at which it stood may be one of the piece before
+                # its last sample at rest may be in the previous piece
                 self._found[k] = replace(self._found[k], until_s=float(time_s[end - 1] if end else self._last_s[j]))
 
     def _go_on(self, j: int, time_s: FloatArray, mm: FloatArray) -> None:
@@ -327,7 +327,7 @@ class StandingFinder:
 
 
 STRIDES = (1, 2)  # Of samples: a count that was lost half-way between two samples, or was interpolated, is spread over two
-MARGIN = 2.0  # Times the acceleration of the motion: what its hardest stop has more
+MARGIN = 2.0  # Factor on the acceleration of the motion, for its hardest stop
 WINDOWS_S = (0.02, 0.005)
 """Over which accelerations are taken: whole counts of 0.012 mm then are 0.1 and 2 m/s^2. The first is that of the motion."""
 RUSH = 5.0  # Times the acceleration of the motion from which a single channel that changes its speed does not follow it
@@ -335,12 +335,12 @@ ALONE = 8.0  # Times as much as the others change theirs together (root mean squ
 GOING_MM_S = 5.0  # Speed of another cable, before and behind, from which the tool is known to be on its way
 BRIDGED_S = 0.1  # Within which a channel that comes back to where it would be anyway has lost nothing
 SHARED = 0.25  # Of the largest step that may be left of the steps of all channels where the clock stepped, or their counts were held
-HABITS_EVERY = 4  # Samples of which one is looked at for what is usual
+HABITS_EVERY = 4  # One sample of this many is used for usual values
 STALE = 0.1
 """Part of the intervals in which a cable moves: a channel that steps more often does so by nature, if it is read more often than it
 counts."""
 HELD = 8.0  # Intervals for which such a channel holds its counts at most
-HABIT = 0.02  # Of a run: what a cable does for longer is its habit
+HABIT = 0.02  # Part of a run: longer behaviour is usual for the cable
 
 
 @dataclass(frozen=True)
@@ -549,7 +549,7 @@ class ContinuityFinder:
         some = some[some + 2 * w >= known]
         if not len(some):
             return
-        # few: row by row from here on, what is not there being nothing
+        # few, so row by row from here on; missing values count as zero
         mine, seen = (np.maximum(np.nan_to_num(a[:, some].T), 0.0) for a in (least, size))
         first, second = ((mm[some + k] - mm[some + k - w]) / (time_s[some + k] - time_s[some + k - w])[:, None] for k in (w, 2 * w))
         others = np.sqrt(np.maximum((seen**2).sum(axis=1, keepdims=True) - seen**2, 0.0) / (m - 1))

@@ -65,7 +65,7 @@ DIRECTIONS = 256
 ARGUMENTS = 120.0 * np.linspace(0.0, 1.0, 401)[1:] ** 2
 LAMBDAS = np.concatenate([np.linspace(0.02, 0.5, 40)[:-1], np.geomspace(0.5, 10.0, 40)])
 CUT = 1e-10  # Of the integrand's largest value, at the last argument: beyond it the integral is not all there
-LEAST = -80.0  # Logarithm of a chance below which nothing is asked
+LEAST = -80.0  # Smallest log probability that is computed
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def _of_one(U: FloatArray, V: FloatArray) -> tuple[FloatArray, FloatArray]:
     log_chance = scipy.stats.chi2.logsf(q, d) + _tail(lam, q, K[good], second[good]) - normal
     kept = log_chance > LEAST
     q, log_chance = q[kept], np.minimum.accumulate(log_chance[kept])
-    # behind the table: what is farthest of a convex body, all uniforms at their ends, is the largest of its supports; the rest is normal
+    # beyond the table: the farthest point of a convex body, with all uniforms at their ends, is the largest support; the rest is normal
     end = float(np.max(np.sqrt(3.0) * np.abs(theta @ U).sum(axis=1)))
     beyond = np.linspace(0.0, 12.0, 49)
     far = (end + beyond * max(float(np.linalg.norm(V, 2)) if V.size else 0.0, 1e-3)) ** 2
@@ -226,7 +226,7 @@ class Redundancy:
         self.zero = np.where(budget.absolute, 0.0, at_start - (0.0 if begun is None else begun))
         """(m,) part of a span, or of an angle, that a channel's readings do not show."""
         angles = self._rows[:, KIND] > CABLE
-        # of what readings are compared in: lengths as they are, angles as lengths of about the same scatter
+        # unit of comparison: lengths unchanged, angles as lengths of about the same scatter
         self.unit = np.where(angles, np.sqrt(budget.variance / budget.variance[~angles].min()), 1.0)
 
     def epochs(self, lengths: Lengths, travel: FloatArray | None) -> Epochs:
@@ -371,7 +371,7 @@ def _without_unused(basis: FloatArray, used: BoolArray) -> FloatArray:
     if not len(unused):
         return basis
     kept = basis.shape[2] - len(unused)
-    # what is orthogonal, within the basis, to its rows of the unused cables
+    # complement, within the basis, of its rows of the unused cables
     rows = np.swapaxes(basis[:, unused, :], 1, 2)
     turned = np.linalg.qr(rows, mode="complete")[0][:, :, len(unused) :]
     return np.asarray(basis @ turned)[:, :, :kept]
@@ -500,7 +500,7 @@ FLAT = 0.05  # Least singular value of the directions at several positions from 
 
 CLOSED_COUNTS = 3.0
 CLOSED_MM = 0.1
-CLOSED_SCATTERS = 5.0  # Of the difference of two visits: up to these the counts close; the second is what robots drift by
+CLOSED_SCATTERS = 5.0  # Limits of the difference of two visits, below which counts close; the second one allows for drift of robots
 ALONE = 8.0  # Times as much as the other channels together (root mean square): a robot that steps moves several cables
 REPEATS_MM = 0.02  # Repeatability of a robot for which returns are planned, as lengths of cables
 SIX = 6

@@ -28,9 +28,9 @@ BACK_COUNTS = 3.0
 BACK_MM = 0.1
 BACK_SCATTERS = 3.0
 """Scatter of the other channels at the two visits (root mean square), between these bounds: up to this a channel has returned."""
-MOST_NOTES = 12  # Notes of a run's counters that a reader is asked to read
+MOST_NOTES = 12  # Most notes about counters of a run
 STILL_MM_S2 = 1e-6  # An acceleration below it is rounding of numbers: samples 1 s apart would show 1e-6 mm of it
-COARSE_MM = 1.0  # A step of a channel that would not be seen is said to be one that sampling is too slow for from this size on
+COARSE_MM = 1.0  # Undetectable steps from this size on are reported as too slow sampling
 
 
 def doubts_of(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
@@ -52,7 +52,7 @@ def doubts_of(rig: Rig, continuity: Continuity, rests: Rests) -> Doubts:
         if any(stood.cable == doubt.cable and stood.after_s == doubt.after_s for stood in continuity.stood):
             notes.append(doubt.said)
             continue
-        # where a channel stands it is back everywhere
+        # a stalled channel seems to be back everywhere
         proof = places.proof(doubt, count_mm, [s for s in continuity.stood if s.cable == doubt.cable])
         if proof is None:
             again = not np.isinf(doubt.until_s)
@@ -201,7 +201,7 @@ class Evidence:
     first_s: float = 0.0
     last_s: float = 0.0
     notes: tuple[Message, ...] = ()
-    doubts: Doubts = NONE  # Channels that stepped while the robot moved, or stood: not used at all
+    doubts: Doubts = NONE  # Channels that stepped while the robot moved, or stalled: not used at all
     unseen: Message | None = None  # Steps that the run would not have shown
     returned_mm: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     """(k, m) changes of length at the positions to which the robot came back."""
@@ -265,7 +265,7 @@ class EvidenceFinder:
         self._rig, self._recorded = rig, recorded
         self._mm = np.array([rig.point(c.from_point).drum.count_length_mm for c in rig.cable])
         self._finder, self._continuity = RestFinder(), ContinuityFinder(rig)
-        # channels of several passes are of one motion only as the robot repeats it
+        # channels of several passes share a motion only up to the robot's repeatability
         self._reversals = ReversalFinder() if rig.passes == 1 else None
 
     def add(self, lengths: Lengths) -> None:
@@ -312,7 +312,7 @@ def evidence_of(rig: Rig, rests: Rests, recorded: tuple[Recorded, ...] = (), dou
         if lost.any():
             closure, span = np.where(lost, difference, closure), between
         moved = np.vstack([moved, np.where(_alone(difference) & believed, difference, 0.0)])
-    # what is lost evenly lies within the scatter of single visits, and not within that of all
+    # an even loss is within the scatter of single visits, but not within that of all
     slow, u_slow = _slow_loss(rests, steps)
     slow_limit = np.maximum(np.maximum(CLOSED_COUNTS * count_mm, CLOSED_MM), CLOSED_SCATTERS * u_slow)
     believed = np.array([not doubts.about(j, whole[1]) for j in range(len(drums))])
@@ -460,7 +460,7 @@ def _step(values: FloatArray, labels: IntArray, time_s: FloatArray, count_mm: Fl
     drift = drift / max(float(np.linalg.norm(drift)), 1e-300) if freedom >= TRENDED and np.ptp(drift) > 0.0 else np.zeros(n)
     freedom -= int(drift.any())
     r = r - drift[:, None] * (drift @ r)
-    # a step before row k, k = 1 .. n - 1: what is left of it beside places and drift, and its fit in every channel
+    # a step before row k, k = 1 .. n - 1: its part beside positions and drift, and its fit in every channel
     behind, length = np.cumsum(r[::-1], axis=0)[::-1][1:], _squares(labels) - np.cumsum(drift[::-1])[::-1][1:] ** 2
     usable = length > 1e-9
     if not usable.any():

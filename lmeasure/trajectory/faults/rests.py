@@ -20,22 +20,22 @@ import scipy
 from lmeasure.core import FloatArray, IntArray
 
 VISIT_LAG_S = 0.05
-STILL_MM = 0.2  # by which no cable's length changes within VISIT_LAG_S while the robot rests
+STILL_MM = 0.2  # largest change of a cable's length within VISIT_LAG_S while the robot rests
 LEAST_S = 0.15
 SETTLED = 0.5  # of a rest: its last part is taken, up to VISIT_LAG_S before its end
-LONGEST_S = 60.0  # of a rest that is longer, what is more than two of these before its end is let go
-NEAR_MM = 0.5  # by which cables agree at two visits of one place
-LEAST_CABLES = 4  # of which one may disagree
+LONGEST_S = 60.0  # of a longer rest, samples more than two of these before its end are dropped
+NEAR_MM = 0.5  # largest difference of a cable between two visits of one position
+LEAST_CABLES = 4  # one of them may disagree
 SPACING_MM = 2.0  # Way between samples that are compared, of the cable that moves most
 MOST = 10_000  # Samples that are compared; of a longer run the spacing is doubled
 SLOW_MM_S = 20.0  # Below this speed of the fastest cable nothing shows
-PAUSE_S = 0.5  # Between two samples of one movement
+PAUSE_S = 0.5  # Longest time between two samples of one movement
 WITHIN_MM = 15.0  # Distance of the lengths of two passages: up to twice the way that a late channel is behind
 NEIGHBOURS = 16
 BY_HAND = 1500  # Samples whose neighbours are found sooner without SciPy, which takes 0.2 s to load
 OPPOSITE = -0.95
 LEAST_PAIRS = 10
-LOOSE = 3.0  # Times the lower quartile of their deviations: pairs that deviate more are of two paths beside each other
+LOOSE = 3.0  # Factor on the lower quartile of the deviations: pairs beyond it are of two neighbouring paths
 APART_MM = 0.3  # Deviation of a pair that is used in any case
 
 
@@ -73,7 +73,7 @@ class RestFinder:
     def __init__(self) -> None:
         self._time_s: FloatArray | None = None
         self._length_mm = np.empty((0, 0))
-        self._begun_s: float | None = None  # when the rest began that goes on from the pieces before
+        self._begun_s: float | None = None  # begin of a rest that continues from earlier pieces
         self._found: list[tuple[float, float, FloatArray]] = []
 
     def add(self, time_s: FloatArray, length_mm: FloatArray) -> None:
@@ -227,7 +227,6 @@ def _lateness(apart: FloatArray, before: FloatArray, after: FloatArray) -> Rever
     if used.sum() < LEAST_PAIRS:
         return None
     change, along, beside = (after - before)[used], along[used], beside[used]
-    # the projection beside the path of each channel's part
     m = change.shape[1]
     rows = change[:, :, None] * np.eye(m) - along[:, :, None] * (along * change)[:, None, :]
     late = -np.linalg.lstsq(rows.reshape(-1, m), beside.reshape(-1), rcond=1e-6)[0]

@@ -332,7 +332,7 @@ def _of_messages(path: Path, stated: Stated) -> Trajectory:
     topic = None if stated.columns is None else stated.columns.get("topic")
     read = read_messages(path, None if topic is None else topic.name)
     random, systematic, absent = _same(len(read.time_s), stated, oriented=True)
-    # ROS: zeros say that nothing is known
+    # ROS: zeros mean unknown
     if read.covariance is not None:
         determined = {"rotation": slice(0, 3), "position": slice(3, 6)}
         for what, own in determined.items():

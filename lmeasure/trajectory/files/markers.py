@@ -21,7 +21,7 @@ from lmeasure.text import Message, message
 LEAST = 3  # Markers of a frame from which a pose follows
 ROUNDS = 8
 WORSE = 6.0  # Times the usual misfit of a frame from which something is wrong with it
-FLAT = 1e-3  # Of the largest extent of the visible markers: across less than it they stand in a line
+FLAT = 1e-3  # Relative to the largest extent of the visible markers: a smaller width counts as a line
 EXACT_MM = 1e-6  # Least uncertainty of a marker: numbers that fit exactly are rounded
 _SIZES = {"mm": 1.0, "cm": 10.0, "m": 1e3}
 

@@ -17,7 +17,7 @@ from lmeasure.trajectory.files.trajectory import Trajectory
 
 TOPIC = "/lmeasure/pose"
 FRAME = "base"
-POSES = {"PoseStamped": 7, "PoseWithCovarianceStamped": 43}  # Messages that are read, and how many numbers stand behind their header
+POSES = {"PoseStamped": 7, "PoseWithCovarianceStamped": 43}  # Messages that are read, and how many numbers follow their header
 
 SCHEMA = "geometry_msgs/msg/PoseWithCovarianceStamped"
 _PARTS = {

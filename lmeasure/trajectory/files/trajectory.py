@@ -161,7 +161,7 @@ class Summary:
             code, cable = f"trajectory_line.at{'_cable' if piece.cable[i] else ''}", str(piece.cable[i])
             self.first_bad = message(code, i=self.first + self.samples + i, time=float(piece.time_s[i]), cable=cable, cause=piece.cause[i])
         self.samples += len(piece.time_s)
-        # fmax passes over what is not measured
+        # fmax ignores unmeasured samples
         self.worst_angle = float(np.fmax.reduce(piece.worst_pressure_angle_deg, initial=self.worst_angle))
         self.u_position = float(np.fmax.reduce(np.linalg.norm(piece.u[:, :3], axis=1), initial=self.u_position))
         self.u_rotation = float(np.fmax.reduce(np.linalg.norm(piece.u[:, 3:], axis=1), initial=self.u_rotation))
@@ -217,7 +217,7 @@ def read_own(path: Path) -> Trajectory:
     """Read the output of `written.write_trajectory`; covariances come back as their diagonals. FileFormatError names the row and column."""
     table = files.read_table(path)
     u = table.matrix(UNCERTAINTY_COLUMNS, gaps=True)
-    # a trajectory of another program may not tell the parts apart
+    # a trajectory of another program may lack the two parts
     common = table.matrix(SYSTEMATIC_COLUMNS, gaps=True) if SYSTEMATIC_COLUMNS[0] in table.columns else np.zeros_like(u)
     poses = table.matrix((*POSITION_COLUMNS, *core.QUATERNION_COLUMNS), gaps=True)
     far = np.abs(poses[:, :3]) > core.MAX_LENGTH_MM

@@ -37,7 +37,7 @@ def trajectory_writer(path: Path, covers: str, angles: str | None = None) -> Ite
     if Path(path).suffix.lower() not in {".csv", ".parquet"}:
         raise FileFormatError(message("error.the_name_must_end_in", where=path))
     causes: set[str] = set()
-    in_text = Path(path).suffix.lower() == ".csv"  # which keeps nothing beside its columns
+    in_text = Path(path).suffix.lower() == ".csv"  # CSV keeps columns only
     with files.table_writer(path, lambda: {"uncertainty_covers": covers, "messages": json.dumps(table([covers, *causes]))}) as write:
 
         def write_rows(piece: Trajectory) -> None:

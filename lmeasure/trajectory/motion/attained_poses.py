@@ -11,7 +11,7 @@ from lmeasure.trajectory.files.trajectory import Trajectory
 from lmeasure.trajectory.motion.vibration import Vibration, vibration
 from lmeasure.trajectory.uncertainty.pose_errors import PoseErrors, at_tool_point
 
-LAG_S = 0.05  # A robot that in this time moves by less than what a still one may is resting
+LAG_S = 0.05  # A robot rests if it moves by less than `still_mm` in this time
 LEAST_S = 0.15  # Shortest rest that counts as a dwell: turning points of a motion are shorter
 BROKEN_S = 0.15  # Shorter than it a rest is not left for another at the same place: single samples lay off
 UNSEEN_S = 1.0  # Without a sample for longer, or for several usual intervals, the robot may have been elsewhere
@@ -155,7 +155,7 @@ def window(trajectory: Trajectory, start_s: float, end_s: float, what: str) -> s
         i = first + int(bad[0])
         raise CertificationError(message("error.sample_at_s_holds", where=what, i=i, time_s=trajectory.time_s[i]))
     length = np.linalg.norm(trajectory.poses[first:last, 3:], axis=1)
-    bad = np.flatnonzero(np.abs(length - 1.0) > UNIT_TOLERANCE)  # never of what is not measured
+    bad = np.flatnonzero(np.abs(length - 1.0) > UNIT_TOLERANCE)  # never for unmeasured samples
     if len(bad):
         i = first + int(bad[0])
         raise CertificationError(message("error.sample_at_s_the", where=what, i=i, time_s=trajectory.time_s[i], length=length[bad[0]]))

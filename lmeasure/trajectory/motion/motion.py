@@ -20,8 +20,8 @@ from lmeasure.trajectory.time.stamps import Stamps, stamps_of
 
 HALF_WIDTH_S = 0.02  # The widest window that is chosen, unless the usual interval needs a wider one
 NARROWER = 1.5  # Times as narrow as the one before that the next window is, among which one is chosen
-GAIN = 0.8  # Of the error of the widest window: a narrower one is chosen where it errs less than that
-CHOSEN_BY = 20_000  # Samples by which a window is chosen, in pieces
+GAIN = 0.8  # Relative to the error of the widest window: a narrower one is chosen below it
+CHOSEN_BY = 20_000  # Samples for the choice of a window, in pieces
 FULL = 0.5 * (LEAST + 1)
 """Periods of a half width that holds enough samples on both sides."""
 WIDEST_S = 1.0

@@ -25,15 +25,15 @@ HIGHEST = 0.35  # Times the sampling rate: the highest frequency at which statem
 SHORTEST = 32  # Samples of the shortest block at least
 LONGER = 8  # Times as many samples as the block before, for blocks that show weaker vibration
 SCALES = 4
-LASTING = 0.2  # Of a block, in which shorter blocks show vibration that the whole block is then taken to have
+LASTING = 0.2  # Part of a block: vibration in so many shorter blocks counts for the whole block
 AXES = 3
 LEAST_POWER = 1e-18  # mm^2 or rad^2: less is nothing
-CHANCE = 1e-2  # Probability that noise alone is found to be vibration, in a record and in blocks of one size
+CHANCE = 1e-2  # Probability of false vibration from noise alone, in a record and in blocks of one size
 LEAST_LEFT = 1e-3  # Of a vibration, in the residuals: below it |G| is continued as it is there
-LINE_S = 4.0  # Length of the blocks in which frequencies are looked for
+LINE_S = 4.0  # Length of the blocks for the search of frequencies
 PADDED = 4
 LINES = 4  # Frequencies per axis at most
-LEAST_PERIODS = 6.0  # Of a vibration in a block: what is slower is taken for motion
+LEAST_PERIODS = 6.0  # Least periods of a vibration in a block: slower ones count as motion
 ABOUT_BINS = 24  # Bins on either side, whose median is the spectrum next to a peak
 NORMAL_95 = 1.959963984540054
 
@@ -128,7 +128,7 @@ def _excess(left: FloatArray, u: FloatArray, starts: np.ndarray, size: int, step
         over = np.repeat(scipy.ndimage.binary_dilation(together, np.ones((1, 5, 1), np.bool_)), AXES, axis=2)
         # along an axis that swings little, noise hides how much: all of the power there counts
         excess = np.where(over, power, 0.0)
-        # noise that is not white, as counts of a slow cable are, has lines as well, and less power beside them
+        # noise that is not white, as of a slow cable, has lines too, and less power beside them
         rest, expected = (_of_axes(np.where(over, 0.0, each).sum(axis=1)) for each in (power, noise))
         bins = np.maximum(_of_axes((~over).sum(axis=1)), 1.0)
         missing = np.maximum(1.0 - rest / np.maximum(expected, LEAST_POWER) - 1.0 / np.sqrt(bins), 0.0) * _of_axes(noise.sum(axis=1))

@@ -35,13 +35,15 @@ LEVER = np.repeat([100.0, 1.0], 3)
 FEWEST_PERIODS, MOST_PERIODS, STEP = 0.5, 32.0, 0.25
 """Frequencies that are looked for, times the longest window: slower is a drift, faster hardly moves a mean."""
 FREQUENCIES = 3
-LEAST = 0.05  # Of the squares that the strongest frequency explains: what explains less may be rounding along the swing
-CHANCE = 1e-3  # Probability with which what is new at every sample passes for a swing
-MOST_SAMPLES = 128  # Of a dwell, by which its frequencies are found: means of neighbours where there are more
+LEAST = 0.05  # Relative to the squares that the strongest frequency explains: weaker ones may be rounding along the vibration
+CHANCE = 1e-3  # Probability that independent noise counts as vibration
+MOST_SAMPLES = 128  # Samples of a dwell for its frequencies: means of neighbours if there are more
 UNCERTAIN = 0.25  # Times the window: to either side of a frequency it may wander, so that whole periods are not counted on
 HARMONICS = np.arange(1, 33)
-SIZES = np.concatenate([np.linspace(0.0, 0.5, 26), np.geomspace(0.52, 40.0, 60)])  # Of swings [counts, rms], of which K is worked out
-MOST_SHAPES = 8  # Dwells by which it is
+SIZES = np.concatenate(
+    [np.linspace(0.0, 0.5, 26), np.geomspace(0.52, 40.0, 60)]
+)  # Sizes of vibration [counts, rms] at which K is computed
+MOST_SHAPES = 8  # Dwells for its shape
 
 WIGGLES = 3.0  # Standard uncertainties of a curve that it may move by in a dwell though the robot rests
 
@@ -94,7 +96,7 @@ def vibration(dwells: Sequence[tuple[FloatArray, FloatArray]]) -> Vibration:
         for f, pair in zip(hz, fit[1:].reshape(-1, 2, 6), strict=True):
             squares += 0.5 * _of_mean(f, t) * pair.T @ pair
         missed += np.outer(fit[0], fit[0])
-    # swings of one phase miss by more, or less, than those of any do on average: at least as much as was seen
+    # vibration of one phase has a larger or smaller error than the average over phases: at least the observed one
     size, seen = (float(np.trace(m * LEVER * LEVER[:, None])) for m in (squares, missed))
     more = max(1.0, seen / size) if size > 0.0 else 1.0
     return Vibration(tuple(swings), more * squares / max(len(dwells), 1), tuple(found))
@@ -130,7 +132,7 @@ def _frequencies(dwells: Sequence[tuple[FloatArray, FloatArray]]) -> list[float]
         number = sum(len(x) for x in left) - len(left) * (1 + 2 * (len(out) + 1))
         if number < 2 or square == 0.0:
             break
-        # axes that err alike count as so many
+        # effective number of axes with equal errors
         axes = np.linalg.eigvalsh(sum(x.T @ x for x in left))
         several = axes.sum() ** 2 / (axes**2).sum()
         freedom = 2.0 * several * len(left)
@@ -143,7 +145,7 @@ def _frequencies(dwells: Sequence[tuple[FloatArray, FloatArray]]) -> list[float]
         sharper = np.sum([_explained(np.exp(-2j * np.pi * np.outer(fine, t)), x) for (t, _), x in zip(moving, left, strict=True)], axis=0)
         hz = float(fine[int(np.argmax(sharper))])
         out.append(hz)
-        # what is rounded along a swing errs by multiples of its frequency
+        # rounding along a vibration has multiples of its frequency
         free &= np.abs(grid - np.maximum(np.rint(grid / hz), 1.0) * hz) > 1.0 / longest
         left = [_without(out, t, x) for t, x in moving]
     return out

@@ -82,7 +82,7 @@ def estimate_origins(reconstruction: Reconstruction, epochs: Epochs, most: int =
         known = np.isfinite(poses[:, 0])
         if not known.any():
             return None
-        # the epochs are less what is supposed of the origins
+        # the assumed origins are subtracted from the epochs
         information, towards = np.eye(len(budget.sources)), np.concatenate([np.zeros(len(whole) - o), -budget.supposed])
         total, freedom = 0.0, 0
         for begin in range(0, len(epochs), CHUNK):
@@ -96,7 +96,7 @@ def estimate_origins(reconstruction: Reconstruction, epochs: Epochs, most: int =
             r, P = redundancy.weighed(basis, np.where(used, residual, 0.0), np.where(used, own, 1.0))
             weighed = P @ L
             information += np.einsum("nmk,nml->kl", L, weighed)
-            # what is applied already belongs to the data
+            # applied corrections belong to the data
             towards += np.einsum("nmk,nm->k", weighed, r + L[:, :, -o:] @ mean)
             total += float(np.einsum("nm,nmp,np->", r, P, r))
             freedom += int(np.maximum(used.sum(axis=1) - len(redundancy.free), 0).sum())
@@ -138,15 +138,15 @@ def _first(reconstruction: Reconstruction, epochs: Epochs, columns: FloatArray, 
     return mean
 
 
-BEYOND = 4.0  # Standard uncertainties by which no sample, and no mean of a few, differs from the constant
+BEYOND = 4.0  # Largest difference of a sample, or a mean of a few, from the constant, in standard uncertainties
 FEW = 25  # Samples of such a mean
 LEAST_CONSTANT = 50  # Samples, and for so long, that a constant lasts
 LEAST_S = 0.2
-APART = 4.0  # Standard uncertainties by which the two constants differ
-LIKELY = 16.0  # Chi-squared by which a ramp is worse than the best one at most
+APART = 4.0  # Least difference of the two constants, in standard uncertainties
+LIKELY = 16.0  # Largest excess of chi-squared of a ramp over the best one
 ENDS = 24  # Places of either end of a ramp that are tried at once, again and again between those that are likely
-CHANGE_ROUNDS = 3  # In which a channel that is followed by itself is put right, by what it seems to be off by each time
-MOST_ERRORS = 2048  # Samples, or means of neighbours, by which they are tried
+CHANGE_ROUNDS = 3  # Rounds of correction of a channel that is followed by itself
+MOST_ERRORS = 2048  # Samples, or means of neighbours, for their test
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def origin_change(reconstruction: Reconstruction, epochs: Epochs, j: int, since_
     if len(seen) < 2 * LEAST_CONSTANT:
         return None
     first, last = _between(e, own, common)
-    # what a counter lost is a constant in counts, not in lengths
+    # lost counts are constant in counts, not in lengths
     for _ in range(CHANGE_ROUNDS if lost else 1):
         if not (first > 0 and last < len(e)):
             break
@@ -312,8 +312,8 @@ def _mean(e: FloatArray, own: FloatArray, common: FloatArray) -> tuple[float, fl
 
 SLIPPED = 40.0
 """Chi-squared from which a step is not rounding: once in 3e9 for one channel and time, of some ten thousand in a run."""
-CLEARER = 16.0  # Chi-squared by which no other channel may explain as much, at any time: four standard uncertainties
-LEAST_INFORMATION = 1e-3  # Of the information without what the run shares: what is left of less is rounding
+CLEARER = 16.0  # Least advantage in chi-squared over any other channel at any time: four standard uncertainties
+LEAST_INFORMATION = 1e-3  # Relative to the information without shared errors: less is rounding
 
 
 @dataclass(frozen=True)
@@ -376,13 +376,13 @@ def slip(reconstruction: Reconstruction, epochs: Epochs) -> Slip | None:
 
 STEPPED = "origin.stepped"
 UNDETERMINED = "origin.untold"  # Of a channel whose new origin the run does not determine
-HARDLY = 0.5  # Of what was supposed of an origin before the run: what is known no better was not determined by it
+HARDLY = 0.5  # Relative to the uncertainty of an origin before the run: above it the run did not determine the origin
 DOUBTED = (Status.INCONSISTENT, Status.ORIGIN_LOST)
 OF_NOBODY = frozenset({*(IN_TIME[code] for code in IN_TIME if code.startswith("contradiction")), "rig.uncalibrated", "passes.not_repeated"})
 LEFT_OUT = (IN_TIME["cable.left_out"], IN_TIME["cable.left_out.unknown"])
 SLIPS = 8  # Found one after the other
 
-Pieces = Callable[[Doubts], Iterable[Lengths]]  # The lengths of a run, one piece after the other, without what is in these doubts
+Pieces = Callable[[Doubts], Iterable[Lengths]]  # The lengths of a run, piece by piece, without the doubtful ones
 
 
 def settle_origins(reconstruction: Reconstruction, pieces: Pieces) -> tuple[Reconstruction, Epochs]:
@@ -393,10 +393,10 @@ def settle_origins(reconstruction: Reconstruction, pieces: Pieces) -> tuple[Reco
     for _ in range(SLIPS):
         reconstruction, epochs = _estimated(reconstruction, pieces)
         budget, found = reconstruction.budget, reconstruction.doubts
-        # of drums alone every sample tells as much, and what calibrations have wrong would pass for slips over so many samples together
+        # with drums alone every sample is equally informative, and calibration errors over many samples would look like slips
         if budget.estimate is None or not budget.absolute.any():
             break
-        # so would what a channel that hung for a while read before it was seen to
+        # so would early readings of a channel that hung undetected
         slipped = slip(reconstruction, epochs.excluding(_wrong(reconstruction)))
         if slipped is None:
             break
@@ -416,7 +416,7 @@ def settle_origins(reconstruction: Reconstruction, pieces: Pieces) -> tuple[Reco
     if unknown := _undetermined(reconstruction):
         reconstruction, epochs = _estimated(replace(reconstruction, doubts=reconstruction.doubts.with_more(*unknown)), pieces)
     if reconstruction.budget.restored:
-        # what goes on must agree with the others there, which without it may have come to another assembly
+        # a continued channel must agree with the others, which may have reached another assembly mode without it
         judged = _except_contradictions(reconstruction.doubts)
         after = consistent(reconstruction, pieces(judged), judged)
         if after is not reconstruction.doubts:
@@ -484,7 +484,7 @@ def _restored(reconstruction: Reconstruction) -> Reconstruction:
     no length at all."""
     budget, doubts = reconstruction.budget, reconstruction.doubts
     lost = [d for d in doubts.every if d.said.code == STEPPED and d.cable != EVERY and not budget.absolute[d.cable]]
-    # a channel that errs again and again is not one that slipped
+    # a channel with repeated errors has not slipped
     once = [d for d in lost if sum(other.cable == d.cable for other in doubts.every) == 1]
     if not once or len(once) > budget.scheme.redundancy:
         return reconstruction
@@ -517,7 +517,7 @@ def _changed_origins(reconstruction: Reconstruction, pieces: Pieces) -> Reconstr
     restored = {cable for cable, _, _ in budget.restored}
     wrong = {d.cable for d in doubts.every if d.status in DOUBTED and d.cable != EVERY and not budget.absolute[d.cable]}
     for j in sorted(wrong - restored):
-        # who else is wrong tells nothing of this one
+        # faults of other channels are no evidence about this one
         others = replace(doubts, every=tuple(d for d in doubts.every if d.cable != j))
         reconstruction = replace(reconstruction, budget=budget)
         epochs = collect_epochs(reconstruction, pieces(others))[0]

@@ -30,7 +30,7 @@ from lmeasure.trajectory.reconstruction.run_model import FREEDOMS
 from lmeasure.trajectory.reconstruction.screw_method import Reconstruction
 from lmeasure.trajectory.uncertainty.sources import LOOSE_RAD, OriginEstimate, rough_columns, zeros_of
 
-SAMPLES = 32  # Of the run, by which its start is determined
+SAMPLES = 32  # Samples of the run for its start
 DRAWN = 3000
 """Poses from which ones that fit the first readings are sought: of 600 none lay near enough to where one run of 25 with three encoders
 began."""
@@ -140,7 +140,7 @@ def starts(motion: Motion, near: FloatArray, zeros: FloatArray) -> list[StartCan
             met.append(0)
         met[i] += 1
         best = int(np.argmin([other.chi_squared for other in found]))
-        # what is contradicted many times as much is no start, however often it is met
+        # a start with a many times larger contradiction is rejected, however often it is found
         if met[best] >= MET_STARTS and sum(met) >= TRIED // 4 and found[best].sound:
             break
     return sorted(found, key=lambda other: other.chi_squared)
@@ -160,7 +160,7 @@ def fitting(rows: FloatArray, readings: FloatArray, zeros: FloatArray, seed: int
         far = np.flatnonzero(~fit)
         off = aims[far] - kernels.span_lengths(rows, poses[far])
         off -= 2.0 * np.pi * np.round(off / (2.0 * np.pi))
-        fit[far] = (np.abs(off) < FITS).all(axis=1)  # none of what is NaN
+        fit[far] = (np.abs(off) < FITS).all(axis=1)  # NaN never fits
         far, off = far[~fit[far]], off[~fit[far]]
         A = kernels.span_rows_of(rows, poses[far])
         A[:, :, :3] /= size
@@ -222,11 +222,11 @@ ALIKE_MM, ALIKE_RAD = 1.0, 1e-3  # Two solutions of one pose, at most, within th
 WORSE = 40.0
 """Increase of chi-squared that rules out another beginning, times that of a degree of freedom for an imperfect model."""
 LISTED = 8
-TOLD_MM = 10.0  # Standard uncertainty, in its worst direction, of a start that `SAMPLES` samples tell; all of a run tell it better
+TOLD_MM = 10.0  # Largest standard uncertainty of a start from `SAMPLES` samples, in its worst direction; the whole run determines it better
 NOTHING_MM = 1000.0
-BEGINNINGS = (1.0, 0.5, 0.25, 0.12)  # Shares of a run by which its start is judged, the first in which it does not contradict itself
-LEAST = 0.5  # Share of a run that must not contradict a start that fewer than six absolute channels tell
-TRIAL = 400  # Samples by which beginnings are judged
+BEGINNINGS = (1.0, 0.5, 0.25, 0.12)  # Parts of a run that test its start; the first one without contradictions counts
+LEAST = 0.5  # Part of a run that must agree with a start from fewer than six absolute channels
+TRIAL = 400  # Samples for the test of beginnings
 
 Begin = Callable[[FloatArray, FloatArray, FloatArray | None], tuple[Reconstruction, Epochs | None]]
 """Returns a reconstruction from a start pose (7,), the changes (m,) there and the rough zeros (k,), None where they are as stated, and
@@ -293,7 +293,7 @@ def assemblies(rows: FloatArray, readings: FloatArray, u: FloatArray, seed: int 
             break
     order = np.argsort(worst)
     every = np.array(found).reshape(-1, 7)[order]
-    # of the two quaternions of an orientation the one by which it is usually written
+    # of the two quaternions of an orientation, the usual one
     every[:, 3:] *= np.where(every[:, 6:] < 0.0, -1.0, 1.0)
     return every, bool(met) and min(met) >= MET
 
@@ -402,7 +402,7 @@ def _over_motion(motion: Motion, time_s: float, source: str) -> list[StartCandid
     for k, share in enumerate(BEGINNINGS):
         found = of(share, anywhere, zeros)
         every = every or found
-        # over a short way a start is found from farther off; whether it is one the longer ones say
+        # a short part finds a start from farther away; longer parts confirm it
         for longer in (share, *reversed(BEGINNINGS[:k])):
             if longer != share:
                 sound = [begun for begun in found if begun.sound]

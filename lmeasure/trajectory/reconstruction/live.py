@@ -128,7 +128,7 @@ class AnyChannels:
         status, angle, chi = kernels.step_of(*run, time_s, recorded, self._u, self._free, pose, change)
         if status == Status.OK and self._doubt is not None:
             status = int(self._doubt)
-        # by the counts alone is an upper bound of what they contradict each other by
+        # chi-squared from the counts alone is an upper bound of their contradiction
         elif status == Status.OK and chi > self._least and self._contradicts(time_s, pose, change, chi):
             status = int(Status.INCONSISTENT)
         if status != Status.OK:
@@ -156,7 +156,7 @@ class AnyChannels:
 
 
 START_UNKNOWN = "start_unknown"  # Status of a sample while nothing has determined yet where the run began
-FIRST = 50  # Samples by which a run is learned first; then by twice as many each time, and once more where a sample contradicts itself
+FIRST = 50  # Samples for the first estimate of a run; then twice as many each time, and once more after a contradiction
 COVARIANCE_EVERY_S = 0.2
 MOST = 2**17  # Samples of a run that are kept to learn from
 

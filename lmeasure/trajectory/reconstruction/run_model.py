@@ -131,7 +131,7 @@ class Correction:
             poses = solve(change - excess)
             found = self._effects.checked_excess(rows, zero, poses, counts, temperature_c=warm)
             moved = np.abs(found - excess[:, :m])
-            # where no pose was found the last one stays: the sample has its status from what its neighbours say
+            # without a pose the last one stays: the sample has its status from its neighbours
             excess[:, :m] = np.where(np.isfinite(found), found, excess[:, :m])
             if not np.nanmax(moved, initial=0.0) > SETTLED_MM:
                 break

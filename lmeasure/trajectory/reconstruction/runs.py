@@ -60,8 +60,8 @@ from lmeasure.trajectory.uncertainty.budget import CHUNK, RESTORED_ORIGIN, Budge
 from lmeasure.trajectory.uncertainty.sources import LIGHT_RAD, PassClock, Situation, needed_zero, zeros_of
 
 Progress = Callable[[int, int], None]
-LEAST_AXIAL_MM = 0.001  # Difference of lengths by which axial offsets hold elsewhere, up to which it is not reported
-SURE_S = 86400.0  # A counter that no rate takes through half its range for as long is asked for nothing
+LEAST_AXIAL_MM = 0.001  # Largest unreported difference of length from axial offsets that are valid elsewhere
+SURE_S = 86400.0  # A counter that cannot pass half its range in this time needs no stated rate
 Each = Callable[[Counts, Lengths, Trajectory], None]
 """Function of a piece of a run: its recorded counts, its lengths and its part of the trajectory."""
 Judge = Callable[[Reconstruction], tuple[Message, ...]]
@@ -215,7 +215,7 @@ def reconstruct_stream(
     more = () if judge is None else judge(reconstruction)
     summary = Summary()
     with trajectory_writer(out, covered(reconstruction.budget.covers, run.evidence), angles) as write:
-        # a trajectory comes before the next lengths are asked for, so one piece is kept at a time
+        # a trajectory is taken before the next lengths are requested, so one piece is kept at a time
         waiting: deque[tuple[Counts, Lengths]] = deque()
 
         def lengths_of() -> Iterator[Lengths]:

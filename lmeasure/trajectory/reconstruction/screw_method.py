@@ -139,7 +139,7 @@ def _moved(poses: FloatArray, rows: FloatArray, residuals: FloatArray) -> FloatA
 PROBES = 12  # to either side of a pose
 NEWTON_STEPS = 15
 SOLVED_MM, APART_MM = 1e-6, 1e-2  # Lengths met, and poses farther apart than a solution of the same one ends
-NEARLY = 88.0  # worst pressure angle [deg] from which a pose that is known says what is seen badly
+NEARLY = 88.0  # worst pressure angle [deg] from which a known pose reports its poorly determined screw
 
 
 def split_at(cables: FloatArray, pose: FloatArray, free: IntArray, u: FloatArray) -> Split:
@@ -177,7 +177,7 @@ def other_near(cables: FloatArray, start: FloatArray, within_mm: float) -> tuple
         sound = np.isfinite(rows).all(axis=(1, 2)) & (np.linalg.cond(np.nan_to_num(rows * unit)) < 1e14)
         poses, rows, lengths = poses[sound], rows[sound] * unit, lengths[sound]
         step = np.linalg.solve(rows, (aim - lengths)[..., None])[..., 0]
-        # farther than what is looked for is not gone at once
+        # limit the step to the search distance
         step *= np.minimum(1.0, within_mm / np.maximum(np.linalg.norm(step, axis=1), 1e-300))[:, None]
         poses = se3.displaced(poses, step * unit)
     lengths = span_rows(cables, poses)[0]
@@ -509,7 +509,7 @@ def by_monte_carlo(
     u_mm = lengths.u_mm
     of = trials * (2 if budget.sources else 1)
     lengths = reconstruction.corrected(lengths)
-    # what temperature, stretch and sag, and origins that the run determined, have taken off the changes stays with the trials
+    # trials keep the corrections for temperature, stretch, sag and determined origins
     corrected = model.correction is not None or budget.estimate is not None
     offset = lengths.change_mm - changes_from_counts(rows, counts) if corrected else 0.0
     situation = Situation(lengths.time_s, trajectory.poses, counts, lengths.speed_mm_s, lengths.temperature_c, budget.travel(lengths))
@@ -563,7 +563,7 @@ def _drawn_by_estimate(
     own = [standard(generator, (len(s.names),), s.uniform and s not in budget.origins) for s in budget.every]
     root = budget.by_parameter.root
     drawn, r = estimate.mix @ np.concatenate(own), root.shape[1]
-    # those of the parameters stand first
+    # those of the parameters come first
     others = [budget.lengths_of(situation, (source,)) for source in (budget.every[1:] if r else budget.every)]
     by_parts = budget.by_parameter.of_parts(situation.poses, situation.counts, situation.travel) @ drawn[:r]
     return np.asarray(root @ drawn[:r]), np.asarray(np.concatenate(others, axis=2) @ drawn[r:] + by_parts)

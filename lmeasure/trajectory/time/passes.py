@@ -21,8 +21,8 @@ OVER_S = 0.04  # over which a speed is taken
 MOVING = 0.05  # of a pass's largest cable speed
 LAG_S = 0.25  # difference of the instants at which two passes begin or end to move
 VARYING = 0.5  # standard deviation of the speed over its mean from which its profile can be detected
-BLOCKS = 16  # of stamps, whose means scatter by what is not common to all
-ALIKE = 0.3  # correlation of two speed profiles: of one motion seen by different cables it is mostly above 0.5 (simulated)
+BLOCKS = 16  # blocks of stamps, whose means scatter by their independent errors
+ALIKE = 0.3  # least correlation of two speed profiles: for one motion and different cables it is mostly above 0.5 (simulated)
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def _said(number: int, stamps: Stamps) -> Message:
 def _uncertain(edges: FloatArray, u_s: float, both: tuple[Stamps, Stamps]) -> PassClock:
     """Return the uncertainty of a pass's time, from both passes' stamps and pass 1's edges, which align them to u_s."""
     if len(edges) > 1:
-        return PassClock(u_s)  # which tell the rate too
+        return PassClock(u_s)  # these determine the rate too
     u_rate = float(np.hypot(both[0].u_rate, both[1].u_rate))
     if len(edges) == 1:
         return PassClock(u_s, u_rate, float(edges[0]))

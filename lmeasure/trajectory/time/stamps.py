@@ -30,25 +30,25 @@ from lmeasure.text import Message, message
 
 LAG = 50  # Samples over which a first period is taken
 BESIDE = 7  # Steps of the tool that one is compared with
-CLEAR = 10.0  # Standard uncertainties of a place that a step must have to tell by how many periods it went
+CLEAR = 10.0  # Least step, in standard uncertainties of a position, that shows the number of its periods
 LEVEL, AT_REST = 25, 40
 """Samples on either side of a hole by which the stamps confirm a hole in the motion, and find one while the tool rests."""
 SURE, LIKELY, WHOLE = 0.6, 0.2, 0.25
 """Part of a period by which stamps must stay behind for a hole, by which if the motion shows it too, and its largest difference from whole
 periods then."""
 PAUSE_S = 1.0  # Behind a longer one the device may have started anew: its phase is not that of before
-AROUND = 50  # Samples on either side of an interval by which it is a gap
+AROUND = 50  # Samples on either side of an interval for the test of a gap
 GAP = 2.5  # Usual intervals: a longer one, after which the stamps stay behind, is a gap of the record
 CATCHES_UP = 0.5  # Of a period by sample: so fast a host that was held up comes back at least
-FINE = 0.1  # Of a period: stamps that scatter by less show a hole of a part of one
-OFF = 6.0  # Scatters of the stamps by which a gap is longer than the usual interval, and such a hole differs from whole periods
+FINE = 0.1  # Relative to a period: a smaller scatter of stamps shows gaps of a part of a period
+OFF = 6.0  # Excess of a gap over the usual interval, and difference of such a gap from whole periods, in scatters of the stamps
 BLOCKS, LEAST_OF_BLOCK = 32, 25
-CONTRADICTED = 8.0  # Standard uncertainties of the level of a block of stamps by which it lies off an even clock that they do not keep
+CONTRADICTED = 8.0  # Deviation of a block of stamps from an even clock that contradicts it, in standard uncertainties of its level
 LEAST_PART = 10  # One of so many samples of a block is earlier than its level: the least alone may be numbered wrongly
 OF_LATENCY = 0.2  # Of the latencies' median above that level: by so much a host that is busy raises it
 LEAST_LAG, OF_LAG = 4, 48  # Samples over which a random walk of stamps is looked for at least, and parts of a record over which at most
-WALKS = 2.0  # Times by which second differences over the longest lag exceed those of neighbours, where intervals of stamps add up
-STRAYS = 2.0  # Standard deviations of the end of a random walk by which it strays from the line between its ends: 7 of 10,000 stray farther
+WALKS = 2.0  # Ratio of second differences over the longest lag to those of neighbours, if errors of intervals add up
+STRAYS = 2.0  # Largest deviation of a random walk from the line between its ends, in standard deviations of its end: 7 of 10,000 exceed it
 MEDIAN_SQUARE = 0.4549  # Median over mean of the square of a normal deviate
 WHITE = 1.3  # Durbin and Watson's statistic of the blocks below which they wander: 2 where they scatter, 2 % of 30 such below 1.3
 PASSES = 5
@@ -262,7 +262,7 @@ def clock(stamps_s: FloatArray, found: Numbers) -> Clock | None:
         level, contradicted = _levels(late, stretch, STRAYS * walk * np.sqrt(len(late)))
         if walk == 0.0 or contradicted:
             return None
-        # as much as the rates of neighbouring blocks differ: intervals that err may be too long or too short on the mean, too
+        # the difference between rates of neighbouring blocks: wrong intervals may also be wrong on average
         u_rate = max(u_rate, walk / period * np.sqrt(2.0 / 3.0 / size))
     return Clock(time_s, period, float(u_rate), level, size)
 
@@ -339,7 +339,7 @@ def _blocks(stretch: IntArray) -> list[slice]:
     return out
 
 
-LEAST = 32  # Samples from which anything can be said
+LEAST = 32  # Least samples for an estimate
 EVEN = 1e-3  # Of a period: scatter or error of the stamps below which they are sound
 FELT = 0.3  # Of a place's standard uncertainty: an error of place by time that adds less than a twentieth to it is none
 SIGNIFICANT = 3.0  # Standard deviations of chance beyond which stamps are found in error
@@ -348,11 +348,11 @@ WINDOWS, LEAST_WINDOWS = 4000, 8
 MOVING, OF_FASTEST = 2.0, 0.1
 """Standard uncertainties of a position by which the stamps' scatter must move it for the motion to decide, and the part of the largest
 speed that it must have."""
-OF_ONE_STEP = 0.5  # Of a window's chord: a longer step is a jump, by which a motion tells nothing of time
+OF_ONE_STEP = 0.5  # Relative to a window's chord: a longer step is a jump and shows nothing about time
 HOSTS, OF_DEVICE = 3.0, 2.0
 """Standard uncertainties of a block's stamps that their errors explain, and those of all instants of a device, were its errors to add up:
 where it is between, the device itself strays from even times."""
-FAR = 0.02  # Of the windows: those with the largest residuals, at corners and at what else is no cubic, are passed over
+FAR = 0.02  # Part of the windows that is ignored: those with the largest residuals, as at corners
 MEDIAN = 0.87  # Median over mean of a sum of WINDOW - TERMS squares (chi-squared of 5)
 
 
@@ -449,7 +449,7 @@ def _jittered(stamp_s: FloatArray, places: FloatArray, u_mm: FloatArray, begins:
     noise = noise or float(np.sqrt(np.median(across) / MEDIAN))
     u_stamp = _time_noise(as_stamped, speed, noise)
     felt = FELT * noise / float(np.sqrt(np.mean(speed**2)))
-    # what scatters by chance about the places' own noise is no noise of stamps
+    # random scatter of the noise of positions is not noise of stamps
     samples = WINDOW + int(np.minimum(np.diff(first), WINDOW).sum())
     chance = SIGNIFICANT * np.sqrt(2.0 * WINDOW / ((WINDOW - TERMS) * samples))
     if u_stamp <= max(felt, felt / FELT * np.sqrt(chance), EVEN * usual):

@@ -110,7 +110,7 @@ class ParameterErrors:
         table = (*TABLE, *FURTHER) if self._wide else TABLE
         # where a point itself is measured its place in the tool frame has no part
         enters = np.tile([scheme.point is None or p.owner is not Owner.ATTACHMENT for p in table], len(scheme.rows))
-        # of what is solved by itself the rest may be rounding: the whole says how wide each parameter is
+        # the remainder of separately solved parameters may be rounding: take the width from the whole
         width = np.sqrt(np.diag(sensors.cable_covariance(rig, calibration, observed, wide=self._wide)))
         of_record = sensors.solved_covariance(rig, calibration, observed, wide=self._wide)
         solved = covariance_root(np.where(enters[:, None] & enters, of_record, 0.0), width)
@@ -192,17 +192,17 @@ class Budget:
         if scheme.redundancy:
             self._before = self._before + variance_until_told(zeros_of(rig, calibration), len(scheme.free)) / angle_of(rig) ** 2
         rough = zero_columns(rig, calibration)[0]
-        # where nothing tells more of them, poses err by far more than what is of first order in them
+        # without further information, pose errors far exceed their first-order part
         self._rough = rough[:, (rough * angle_of(rig)[:, None] > NEAR_RAD).any(axis=0)] if not scheme.redundancy else rough[:, :0]
         self.absolute, self._zero = model.absolute, model.zero_pose
-        # what a constraint holds is exact, and a point's place has a part in all
+        # constrained values are exact; the position of a point takes part in all
         moving = np.ones(6, np.bool_) if scheme.point is not None else np.isin(np.arange(6), scheme.free_index)
         self._u_start = np.where(moving, np.repeat([u_start[1], u_start[0]], 3), 0.0)
         at_start = sensors.span_rows(rig.cable_rows(observed), model.start[None])[1][0]
         errs = self._u_start > 0.0
         self._start_lengths = np.where(self.absolute[:, None], 0.0, at_start * self._u_start)[:, errs]
         of_start = tuple(np.repeat([assumed_start[1], assumed_start[0]], 3)[errs].tolist())
-        # a start that came from lengths errs with the rig: then nothing cancels where counting began
+        # a start from lengths has the errors of the rig: then nothing cancels where counting began
         self._u_length = u_start[2] if len(u_start) > 2 else None
         if self._u_length:
             self._start_lengths = np.column_stack([self._start_lengths, self._u_length * np.eye(len(observed), len(rig.cable))])
@@ -511,7 +511,7 @@ class Budget:
         played = self.unsolved.play(np.ones(counts.shape) if at.travel is None else at.travel[:, : self._cables])
         # a modelled cable that is longer has a shorter measured length to agree with
         shifts = self.unsolved.shifts(self.scheme.rows[: self._cables], self._begun, poses, counts)
-        # of play that the rig states, nobody knows where in its band a counter was zeroed
+        # the position within the band of stated play at zeroing is unknown
         begun = np.eye(self._cables)[:, self._played_mm > 0.0] * self._played_mm[:, None]
         return self._padded(-np.concatenate([shifts, played, np.broadcast_to(begun, (len(poses), *begun.shape))], axis=2))
 

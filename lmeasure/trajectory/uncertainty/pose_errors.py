@@ -30,7 +30,7 @@ SOURCES = {
     ZERO: "covers.of.zeros",
     "unknown start": "covers.of.unknown_start",
 }
-OF_COUNTERS = (PHASE, CLOSURE, ORIGINS, RESTORED)  # Sources that err anew in every run
+OF_COUNTERS = (PHASE, CLOSURE, ORIGINS, RESTORED)  # Sources with new errors in every run
 COUNT = 12.0**-0.5  # Standard uncertainty of a rounded count
 
 

@@ -220,8 +220,8 @@ class OriginEstimate:
     aside: FloatArray
 
 
-STEP = 0.1  # Standard deviations over which second differences are taken: far enough for rounding, near enough for what is of fourth order
-DRAWS = 16  # Of what is left: its mean square is known to about a third
+STEP = 0.1  # Step of second differences, in standard deviations: large against rounding, small against fourth order
+DRAWS = 16  # Draws of the remainder: they give its mean square to about a third
 
 
 def second_order_variables(k: int) -> int:
@@ -244,7 +244,7 @@ def beyond_first(rows: FloatArray, poses: FloatArray, *, G: FloatArray, F: Float
         return np.where(angles, np.remainder(change + np.pi, 2.0 * np.pi) - np.pi, change)
 
     def motions(readings: FloatArray) -> FloatArray:
-        # no cable runs to some poses that far away: nothing is said of it there
+        # some poses that far away have no cable path: no reading there
         return np.asarray(G @ np.where(np.isfinite(readings), readings, 0.0))
 
     def bend(delta: FloatArray) -> FloatArray:
