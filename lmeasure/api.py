@@ -62,7 +62,7 @@ def calibrate(
     Returns
     -------
     Calibration
-        The calibrated rig, its covariances, residuals and warnings. `refused` says why a rig must not be used, else it is None.
+        The calibrated rig, its covariances, residuals and warnings. `refused` states why a rig must not be used, else it is None.
 
     Raises
     ------
@@ -282,7 +282,7 @@ def place(
     rig
         rig.toml or rig to start from.
     task
-        placement.toml, or what `read_placement` returns: where the points may be and which poses the tool takes.
+        placement.toml, or the result of `read_placement`: where the points may be and which poses the tool takes.
     seed
         Seed of the search.
     progress
@@ -701,7 +701,7 @@ def verify(certificate: "Certificate | File", public_key: File | None = None, pr
     Parameters
     ----------
     certificate
-        Folder, or what `certify` returned.
+        Folder, or the result of `certify`.
     public_key
         Key file of the expected signature.
     progress

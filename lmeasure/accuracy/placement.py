@@ -114,7 +114,7 @@ class Placed(Shown):
     sensitivity: dict[str, tuple[float, float, float]]
     evaluations: int
     assumed: Assumed = field(default_factory=Assumed)
-    """Part of typical sizes that nobody stated in U95 at the task after the search."""
+    """Part of typical sizes that are not stated in U95 at the task after the search."""
 
     def about(self) -> dict[str, str]:
         """The worst figures at the task, before and after."""

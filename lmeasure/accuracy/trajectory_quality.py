@@ -42,7 +42,7 @@ class Stretch:
 class Along:
     """u95_mm, u95_rad (n,): radii that hold 95 % of the tool origin and of the rotation vector, NaN without a pose or a statement;
     rotation_deg (n, 3): since the first known orientation, rotation vector about the base axes; stretches: all samples that are not ok, or
-    ok without a cable; motion: its speed, None where `no_motion` says why; rows: samples that a picture needs, at most about MOST_ROWS,
+    ok without a cable; motion: its speed, None where `no_motion` states why; rows: samples that a picture needs, at most about MOST_ROWS,
     among them the extremes of every figure and the ends of every stretch."""
 
     trajectory: Trajectory

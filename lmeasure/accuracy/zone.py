@@ -383,7 +383,7 @@ def dimension_variance(plan: Plan) -> FloatArray:
 def assumed_in_zone(
     rig: Rig, calibration: CalibrationRecord | None, positions: FloatArray, rotations: Rotation, *, start: FloatArray, share: float = 0.5
 ) -> Assumed:
-    """Return the part of U95 from typical sizes that nobody stated, at the best share of a scan's positions. Start and temperature are a
+    """Return the part of U95 from typical sizes that are not stated, at the best share of a scan's positions. Start and temperature are a
     run's."""
     model = RunModel(rig.zeroed_at(start), start, calibration)
     try:
@@ -469,9 +469,7 @@ def _spacing(axes: Sequence[FloatArray], given: tuple[float, float, float] | Non
 
 
 NODES = 20  # About how many steps the longest side has
-FLATTEST = (
-    0.5  # Least side of the box, relative to its longest one. Points on one wall or ceiling leave the tool room on both sides
-)
+FLATTEST = 0.5  # Least side of the box, relative to its longest one. Points on one wall or ceiling leave the tool room on both sides
 LEAST_MM = 1000.0  # The longest side at least
 
 Range = tuple[float, float, float]

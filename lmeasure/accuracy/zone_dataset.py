@@ -133,7 +133,7 @@ def write_zone(path: Path, zone: "xr.Dataset") -> None:
     path
         File to write.
     zone
-        What `zone` returned.
+        Result of `zone`.
 
     Examples
     --------

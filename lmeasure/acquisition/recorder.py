@@ -1,7 +1,7 @@
 """The recorder: raw frames and decoded counts, appended as they come, into a run folder that can be read at any moment.
 
 pass1.log holds the frames as candump writes them (microseconds), pass1.csv the counts; both grow by whole lines and are on the disk once a
-second. run.toml is there from the first moment and says `ended = "early"` until the recording is closed.
+second. run.toml is there from the first moment and states `ended = "early"` until the recording is closed.
 """
 
 import contextlib
@@ -296,7 +296,7 @@ ON_DISK_EVERY_S = 1.0
 @dataclass(frozen=True)
 class Recording:
     """A closed recording: its folder, how it ended, the numbers of frames and samples, faults by kind, the closure per channel
-    [counts]: the mean of the last rest less that of the first, where the recording begins and ends at rest; and how many samples have no
+    [counts]: the mean of the last rest minus that of the first, where the recording begins and ends at rest; and how many samples have no
     count of a channel, where there are any."""
 
     folder: Path

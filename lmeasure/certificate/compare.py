@@ -48,7 +48,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Shift:
-    """Mean attained position of a pose, later less first: shift (3,) [mm]; u95 [mm] of its length with instrument and scatter;
+    """Mean attained position of a pose, later minus first: shift (3,) [mm]; u95 [mm] of its length with instrument and scatter;
     probability of as much by chance, None for too few cycles; moved: less than `SIGNIFICANT` over all poses of the comparison."""
 
     pose: str
@@ -385,7 +385,7 @@ class Parts:
 
 @dataclass(frozen=True)
 class Improvement:
-    """Errors of poses by name: commanded (k, 3) places, errors (k, 3) [mm] attained less commanded before and after; mean distances, each
+    """Errors of poses by name: commanded (k, 3) places, errors (k, 3) [mm] attained minus commanded before and after; mean distances, each
     with the
     least and the largest that its noise leaves; floor_mm: the mean distance that the parts alone would show of a robot without any other
     error."""

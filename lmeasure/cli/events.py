@@ -46,7 +46,7 @@ def tell(event: str, **values: Any) -> None:
 
 
 class Paced:
-    """Tells one kind of event, twenty times a second at most, and never leaves out a new text."""
+    """Report one kind of event, twenty times a second at most, and never leaves out a new text."""
 
     def __init__(self, event: str) -> None:
         self._event, self._text, self._last = event, "", -math.inf

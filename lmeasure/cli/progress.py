@@ -403,7 +403,7 @@ SILENT = (with_bar, with_stages, inspecting)
 
 @contextmanager
 def reported_compiling() -> Iterator[None]:
-    """Says on a terminal that kernels are being compiled, which takes long once, and afterwards for how long it was."""
+    """Report on a terminal that kernels are being compiled, which takes long once, and afterwards for how long it was."""
 
     def begun(name: str) -> None:
         print(word("cli.compiling", name=name), file=sys.stderr, flush=True)

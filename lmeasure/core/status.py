@@ -1,4 +1,4 @@
-"""What became of a sample: a number in arrays and kernels, a word in files and on pages."""
+"""Result of a sample: a number in arrays and kernels, a word in files and on pages."""
 
 from enum import IntEnum
 

@@ -120,7 +120,7 @@ ROBOT_STEPS = 9
 
 PAGE = "demo.html"
 LOST_COUNTS = 200
-"""Counts by which the page's fault changes a counter."""
+"""Counts of the fault on the page."""
 RUN_RATE_HZ = 500.0
 WAYPOINTS = 12
 ZONE_HALF_MM, ZONE_STEP_MM = 900.0, 150.0

@@ -87,7 +87,7 @@ class Problem(ABC):
 
     @abstractmethod
     def residuals(self, theta: FloatArray) -> FloatArray:
-        """(e,) modelled less measured."""
+        """(e,) modelled minus measured."""
 
     @abstractmethod
     def jacobian(self, theta: FloatArray) -> FloatArray:
@@ -163,7 +163,7 @@ class Fit:
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom of chi2: residuals that count, less directions determined."""
+        """Degrees of freedom of chi2: residuals that count, minus directions determined."""
         return round(len(self.residuals) - self.lost) - self.rank
 
     @property
@@ -237,7 +237,7 @@ def gains(s: FloatArray, known: BoolArray, prior_everywhere: bool) -> tuple[Floa
 
 
 def untaken(problem: Problem, V: FloatArray) -> float:
-    """Return how many residuals a robust loss has taken back, less the nuisance parameters that go with them."""
+    """Return how many residuals a robust loss has taken back, minus the nuisance parameters that go with them."""
     taken = problem.taken_back
     if taken is None:
         return 0.0

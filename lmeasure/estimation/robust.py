@@ -1,6 +1,6 @@
 """Robust loss for groups of residuals that the others contradict: Tukey's biweight by iteratively reweighted least squares.
 
-A group errs together: an instrument was not at its stated position. d is its studentised deletion residual: the shift of its residuals from
+A group has a common error: an instrument was not where stated. d is its studentised deletion residual: the shift of its residuals from
 all others, in units of that shift's own covariance, so that a group of great leverage cannot hide. d^2 is chi-squared with as many degrees
 of freedom as the group can err in; z is the normal deviate as improbable as it, and t = z/scale with the scale from the median of all z, at
 least 1, the stated noise. The biweight w = (1 - (t/c)^2)^2, zero beyond c, is 95 % efficient without faults.

@@ -166,8 +166,8 @@ def read_items(places: Sequence[str], subject: str, folders: str = "") -> tuple[
     Parameters
     ----------
     places
-        Folders, files, patterns such as `runs/*/day-*`, and tables (.csv) with a column named as the subject. A folder that holds
-        only folders stands for these.
+        Folders, files, patterns such as `runs/*/day-*`, and tables (.csv) with a column named as the subject. A folder that contains
+        only folders means these.
     subject
         Option of the command that the path of an item is given to.
     folders
@@ -425,14 +425,14 @@ class LostError(LMeasureError):
 def outcomes(
     work: Callable[[Task], Done], tasks: Sequence[tuple[str, Task]], scheduler: str | None
 ) -> Iterator[tuple[Task, "Done | LostError"]]:
-    """Do tasks, and give each with what came of it, as they end.
+    """Do tasks, and yield each with its result, as they end.
 
     Parameters
     ----------
     work
         Function that another process can import. Doing a task twice must do no harm: a worker may die after it.
     tasks
-        Tasks by keys that tell them apart.
+        Tasks by keys that distinguish them.
     scheduler
         Address of a Dask scheduler, `local`, or None: in this process, one after the other.
 

@@ -166,7 +166,7 @@ _UNITS = ("_m", "_cm", "_um", "_inch", "_in", "_rad", "_deg", "_mm", "_m_s")
 _OWN_WORDS = frozenset(("schema_", "from_point", "to_point", "from_pose", "to_pose", "passage", "passes", "[key]"))
 """Names in models for keys that are words of Python, and pydantic's mark of a key of a table that is wrong itself."""
 _NAMED_BY = ("name", "channel", "point", "pose", "characteristic", "from")
-"""Keys by which a user knows one of several tables."""
+"""Keys that identify one of several tables."""
 MOST = 20
 """Complaints about one file that are reported."""
 

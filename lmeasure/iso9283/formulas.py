@@ -3,7 +3,7 @@
 Every function takes the attained poses of n cycles as arrays (..., n, 3) - positions [mm] or angles [deg] - and gives (...) or (..., 3):
 leading axes are draws of an uncertainty or nothing. Means over cycles are written with a bar, deviations have n - 1 degrees of freedom.
 
-Deviations are arrays (..., m, n, 3): n cycles crossing m planes normal to the commanded path, positions [mm] or angles [deg] less the
+Deviations are arrays (..., m, n, 3): n cycles crossing m planes normal to the commanded path, positions [mm] or angles [deg] minus the
 commanded ones. Speeds are (..., n, k): k measurements in each cycle. Leading axes are draws of an uncertainty or nothing.
 
 distance (..., k) [mm]: of the attained position from where the robot comes to rest, at times time_s (k,). Leading axes are draws of an

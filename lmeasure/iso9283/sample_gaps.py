@@ -46,7 +46,7 @@ ROUNDED = 0.4
 READ = 0.8
 """Distance from the apex of a sharp corner, as a part of its own, from which a value may be read."""
 OF_NOISE = 2.0
-"""Standard deviations by which a step between samples may be longer than its reading."""
+"""Tolerance of a step between samples, in standard deviations."""
 EDGE = 1.25
 """Times a bound at whose very edge a path may lie, so that U95 includes it."""
 AS_UNIFORM = 1.0 / np.sqrt(3.0)

@@ -70,7 +70,7 @@ class ExactLinks:
 
 
 def _less(points: FloatArray, origin: FloatArray) -> list[list[Fraction]]:
-    """Points (n, k) less an origin (k,)."""
+    """Points (n, k) minus an origin (k,)."""
     return [[Fraction(p) - Fraction(o) for p, o in zip(row, origin.tolist(), strict=True)] for row in points.tolist()]
 
 

@@ -365,7 +365,7 @@ class RateEvidence(_Pieces):
 
 
 def closure_counts(counts: Counts, rest_s: float = 0.2) -> dict[str, float]:
-    """Per channel the mean count of the last rest less that of the first [counts]; empty unless all channels rest, within two counts, for
+    """Per channel the mean count of the last rest minus that of the first [counts]; empty unless all channels rest, within two counts, for
     rest_s at both ends: the robot has not come back to the start, or was moving."""
     first = counts.recorded[counts.time_s <= counts.time_s[0] + rest_s]
     last = counts.recorded[counts.time_s >= counts.time_s[-1] - rest_s]

@@ -40,7 +40,7 @@ def write_fleet_page(path: Path, command: str, result: str, items: Sequence[Flee
     result
         Name of the result in `items`, which is larger where a robot is worse.
     items
-        What came of each item, by robot and day.
+        Result of each item, by robot and day.
     language
         Language of the page.
     """

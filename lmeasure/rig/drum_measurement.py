@@ -226,7 +226,7 @@ def with_drums(rig: Rig, measured: tuple[DrumMeasurement, ...]) -> Rig:
     rig
         The rig.
     measured
-        What `read_drums` returned.
+        Result of `read_drums`.
 
     Returns
     -------

@@ -91,7 +91,7 @@ class Corrected(Shown):
 def corrected_program(
     listing: Listing, dialect: Dialect, robot: IdentifiedRobot, *, limits: Limits, near: Sequence[float] = ()
 ) -> Corrected:
-    """Targets in the order in which first motions to them stand, joint values nearest to the one before, at first to near (n,) [deg, mm] or
+    """Targets in the order of the first motions to them, joint values nearest to the one before, at first to near (n,) [deg, mm] or
     to the first target of joint values. A target is unchanged if neither the configuration nor such values choose one of several solutions.
 
     A target in a keep-out box or on a straight path through one, for the identified robot, is unchanged too. Jumps, loops and calls are not
@@ -308,7 +308,7 @@ SAME_MM, SAME_RAD = 0.01, 1e-4
 
 
 def mapped_program(listing: Listing, dialect: Dialect, errors: ErrorMap, *, limits: Limits, tool: FloatArray | None = None) -> Corrected:
-    """Targets in the order in which first motions to them stand. tool (7,): pose of the measured target on the flange; targets with another
+    """Targets in the order of the first motions to them. tool (7,): pose of the measured target on the flange; targets with another
     tool are unchanged, and with None every tool counts as that one."""
 
     def answer(i: int) -> Answer | str:

@@ -111,7 +111,7 @@ def contradicted(listing: Listing, dialect: Dialect, robot: RobotModel, *, singl
 
 
 def _level(pairs: Sequence[Pair], listing: Listing, dialect: Dialect, robot: RobotModel) -> tuple[str, ...]:
-    """Say so where the program counts the third axis from the horizontal, as FANUC controllers do, and the robot does not."""
+    """Report if the program counts the third axis from the horizontal, as FANUC controllers do, and the robot does not."""
     for sign in (1.0, -1.0) if len(robot.joint_names) == 6 and not robot.sliding.any() else ():
         turned = [replace(p, joints=p.joints + sign * p.joints[1] * np.eye(6)[2]) for p in pairs]
         compared = [_compared(p, listing, dialect, robot) for p in turned]

@@ -107,11 +107,11 @@ class Dialect:
     suffixes
         Suffixes of its files, in small letters.
     recognises
-        Says of the text of a file whether it is of this dialect, where another has the same suffix; None: it is.
+        Return whether the text of a file is of this dialect, where another has the same suffix; None: it is.
     of_table
         Makes the dialect of one table, of which `--columns` may name the columns; None for programs.
     configured
-        Says whether joint values (6,) [deg] have the configuration that flags state. The third argument is None, or of an elbow arm whether
+        Whether joint values (6,) [deg] have the configuration that flags state. The third argument is None, or of an elbow arm whether
         it is behind the first axis and whether its elbow is up. Signs and quarters that change within the fourth argument [deg] are not
         compared. None: flags say nothing.
     """

@@ -109,7 +109,7 @@ class _Reader(Reader):
         return block is not None and (name.lower(), block) in self.hidden[k]
 
     def _frame_at(self, k: int, name: str, place: int) -> str:
-        """Return the name of a frame; a parameter of a routine has one that nobody states."""
+        """Return the name of a frame; a parameter of a routine has an unstated one."""
         return message("robot_programs.given_to_routine", name=name, line=self.line(k, place)) if self._hides(k, name, place) else name
 
     def _changed(self, k: int, text: str) -> None:

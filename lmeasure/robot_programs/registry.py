@@ -44,14 +44,14 @@ def dialect_of(paths: Sequence[Path], sources: Sequence[Source], name: str = "",
     paths, sources
         The files of a program, and their texts.
     name
-        Name of the dialect; empty where the suffixes say it.
+        Name of the dialect; empty if the suffixes determine it.
     columns
-        What `--columns` says of a table.
+        Content of `--columns` for a table.
 
     Raises
     ------
     RobotError
-        If name and suffixes say no dialect, or columns are stated for what is no table.
+        If name and suffixes determine no dialect, or columns are stated for what is no table.
     PlugInError
         If the dialect is of another package, which cannot be used.
     """

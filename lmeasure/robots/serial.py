@@ -9,7 +9,7 @@ A general arm of six turning joints has at most 16 solutions (Raghavan and Roth,
 of them, from which the starts give single points. Solutions that differ by whole turns of a joint count as one, that nearest to its middle.
 
 Each joint's effective value is q + sum of terms: scale_error q, sin1 sin q + cos1 cos q + sin2 sin 2q + cos2 cos 2q (an encoder off its
-axis errs once per turn, an oval one twice), compliance times the torque of the stated payload about the joint, and half the play on the
+axis has one period per turn, an oval one two), compliance times the torque of the stated payload about the joint, and half the play on the
 side of the joint's approach. Torques are those of the nominal arm: identified lengths change them by a thousandth.
 """
 

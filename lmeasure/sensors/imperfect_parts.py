@@ -11,9 +11,9 @@ With F and D of `kernels.cable`, N counts per turn, k the true count, every erro
     eccentricity    below
     play            the true count is k + s w, s = 1 paying out, s = -1 winding in:  -s c w
 
-each less the same at the pose and count where the counter was zeroed. Of the play, s is that of the last travel: where a run has got
+each minus the same at the pose and count where the counter was zeroed. Of the play, s is that of the last travel: where a run has got
 to it is known, where the counter was zeroed it is not, and as either sign is as likely the two errors are uncorrelated, each of the
-variance of w. Play between drum and encoder and friction along the cable obey the same law: a reading stands still until the band of
+variance of w. Play between drum and encoder and friction along the cable obey the same law: a reading stays constant until the band of
 width 2 w is crossed. (While it is crossed s lies between its two values, and the last one is taken.) Temperature, tension and weight
 need more than one number and have a module of their own (`lmeasure.sensors.cable_effects`).
 
@@ -35,7 +35,7 @@ groove, another cable, play. What each adds to f = F(P) - D(k), F and D of `kern
     other cable    F with R + o/2 instead of R about the same axle, and D with the helix of the drum's radius + o/2
     play           -s w D'(k), s the sign of the last travel
 
-each less the same where the counter was zeroed.
+each minus the same where the counter was zeroed.
 
 The pulley (checked against taut strings in `tests/sensors/test_parts.py`)
 ------------------------------------------------------------------------------
@@ -49,7 +49,7 @@ every position, F(P - d n) is exact. To first order x1 and x2 act as `sensors.im
 that is thicker by o has its middle at R + o/2 from an axle that stays where it is, X = -o/2 n: dF/do = phi/2.
 
 What `k'` and psi count from: the rig's `phase_length_mm`, a length L of the cable from B to P. Where a counter was zeroed with F0 of
-cable, k' = k - D^-1(L - F0), and the cable passed is D(k) + F0 - L. Without it drum and pulley stand as stated where it was zeroed.
+cable, k' = k - D^-1(L - F0), and the cable passed is D(k) + F0 - L. Without it drum and pulley are as stated where it was zeroed.
 """
 
 from collections.abc import Callable
@@ -155,7 +155,7 @@ DIMENSIONS = (COUNT_LENGTH, PITCH, ATTACHMENT)
 OTHERS = (RUN_OUT, ECCENTRICITY, BACKLASH, FRICTION, OFFSET, OVERSIZE)
 """Effects that depend on the angles of drum and pulley and their direction, and effects without a typical size."""
 EFFECTS = (COUNT_LENGTH, PITCH, RUN_OUT, ECCENTRICITY, ATTACHMENT, BACKLASH, FRICTION, OFFSET)
-"""Effects with a typical size if nobody states it."""
+"""Effects with a typical size if not stated."""
 STATED = (*EFFECTS, OVERSIZE)  # Effects that a rig may state to be uncertain
 
 
@@ -198,7 +198,7 @@ class Parts:
         self, rows: FloatArray, zero: Zeroed, poses: FloatArray, counts: FloatArray, *, travel: FloatArray | None = None, since: bool = True
     ) -> FloatArray:
         """(n, m, 7) derivatives of `excess` by the values, NaN where the pose is; travel (n, m): signs of the last travel; since: as
-        there, less those where counting began."""
+        there, minus those where counting began."""
         known: BoolArray = np.isfinite(poses[:, 0])
         travel = np.zeros(counts.shape) if travel is None else travel
         there, begun = self.added(rows, zero, poses[known], counts[known], travel=travel[known])

@@ -447,7 +447,7 @@ def zero_temperature(lengths: Lengths, stated: float | None) -> float | None:
 
 def length_residuals(run: Run, poses: FloatArray) -> FloatArray:
     """(n, m) residuals [mm] of each cable at (n, 7) poses on the time base of pass 1, as `lengths_from_counts` has it: change by the counts
-    less change by the model. Of a run whose start is unknown they are about their mean.
+    minus change by the model. Of a run whose start is unknown they are about their mean.
 
     NaN where the pose or the count is not known.
     """

@@ -174,7 +174,7 @@ class Unsolved:
         return bool(self.variables) or bool(self.play_mm.any())
 
     def shifts(self, cable_rows: FloatArray, zero: Zero, poses: FloatArray, counts: FloatArray) -> FloatArray:
-        """(n, m, q) changes of modelled less measured changes [mm] by one standard uncertainty of each variable but play, at (n, 7) poses
+        """(n, m, q) changes of modelled minus measured changes [mm] by one standard uncertainty of each variable but play, at (n, 7) poses
         and true counts (n, m); NaN where pose or count is NaN or a cable cannot run."""
         out = self._at(cable_rows, poses, counts)
         if not self.variables:
@@ -267,7 +267,7 @@ def width_of(*, wide: bool) -> int:
 def length_gradients_since(
     rig: Rig, cables: tuple[Cable, ...], zero: FloatArray, poses: FloatArray, *, counts: FloatArray, wide: bool = False
 ) -> FloatArray:
-    """(n, m, 13) derivatives of the modelled less the measured changes of cables since a pose (7,) by their parameters, at (n, 7) poses and
+    """(n, m, 13) derivatives of modelled minus measured changes of cables since a pose (7,) by their parameters, at (n, 7) poses and
     true counts (n, m); wide: as `channel_names` has it, (n, m, 20)."""
     rows, scales, m = rig.cable_rows(cables), rig.scales(cables), len(cables)
     begun = length_gradients(rows, np.array([zero]), np.zeros((1, m)), scales)
@@ -335,7 +335,7 @@ def unsolved_dimensions(
 
 def _zeroed_elsewhere(rig: Rig, record: CalibrationRecord | None, cables: tuple[Observed, ...], width: int) -> FloatArray:
     """(13 m, s) errors of axial offsets, a variable for each drum whose counters were zeroed at other lengths than in the calibration.
-    Nobody stated at which lengths the offsets hold. They are taken to hold where the counters are zeroed, as if the drum was turned back.
+    The lengths of the offsets are not stated. They are taken to hold where the counters are zeroed, as if the drum was turned back.
     The travel of a drum that was not is the standard uncertainty."""
     travel = {} if record is None or rig.unstated == "exact" else axial_travel(rig, record)
     drums = list(dict.fromkeys(c.from_point for c in cables if travel.get(c.name)))

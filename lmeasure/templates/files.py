@@ -35,7 +35,7 @@ def box_poses() -> FloatArray:
 
 def position_errors(rig: Rig, zeroed_at: FloatArray, poses: FloatArray, names: tuple[str, ...]) -> FloatArray:
     """(n, 3, q) errors of the tool's position [mm] at poses (n, 7) by one unit of an error of each parameter names (q,) of the rig, whose
-    counters were zeroed at a pose (7,); first order. A parameter that several cables have errs once for all."""
+    counters were zeroed at a pose (7,); first order. A parameter that several cables share has one error."""
     rows, weights = rig.cable_rows(), np.sqrt(1.0 / count_variance(rig))
     begun = span_lengths(rows, zeroed_at[None])
     counts = counts_from_changes(rows, np.ascontiguousarray(span_lengths(rows, poses) - begun))

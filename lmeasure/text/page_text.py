@@ -1,4 +1,4 @@
-"""Say the texts of a page in its language, by their ids; numbers and signs as people write them."""
+"""Return the texts of a page in its language, by their ids; numbers and signs as people write them."""
 
 import re
 from typing import Any

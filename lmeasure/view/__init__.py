@@ -1,7 +1,7 @@
 """Stages as a rerun recording (.rrd), written by columns.
 
 Every figure is logged as its stage gave it; nothing is computed here but shapes to draw. Space is in metres (rerun keeps it as float32: the
-record of truth is Parquet), scalars carry their unit in the name. What cannot be known is empty or NaN, never the last good picture.
+record of truth is Parquet), scalars carry their unit in the name. Unknown values are empty or NaN, never the last good picture.
 
 Entities
 --------

@@ -307,7 +307,7 @@ class CompareSettings(Writing):
 
 @workflow
 def run_compare(settings: CompareSettings, progress: Progress = silent) -> Result:
-    """Compare, and write the figures where they are asked for."""
+    """Compare, and write the figures where requested."""
     if settings.between or any(path.suffix.lower() == ".xml" for path in settings.certificates):
         return _laboratories(settings)
     if stray := next((name for name in ("common_mm", "artefact_mm") if getattr(settings, name)), None):

@@ -23,7 +23,7 @@ from lmeasure.workflows.settings import CommandSettings, Writing
 
 @contextmanager
 def writing(outputs: Iterable[Path], inputs: Iterable[Path] = (), *, force: bool = False) -> Iterator[list[Path]]:
-    """Refuse, before any work is done, what must not be written; yield the list of files that the block has written.
+    """Refuse, before any work is done, outputs that must not be written; yield the list of files that the block has written.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ Progress = Callable[[float, str], None]
 
 
 def silent(fraction: float, text: str) -> None:
-    """Nobody watches."""
+    """Report nothing."""
 
 
 @dataclass

@@ -177,7 +177,7 @@ def _measured_targets(requested: "Measurements", rows: "Measurements", path: Pat
 
 
 def frames_of(robot: "AnyRobot") -> list[str]:
-    """Say which links of a .urdf are the controller's base and flange."""
+    """Return which links of a .urdf are the controller's base and flange."""
     links = [getattr(getattr(robot, frame, None), "link", None) for frame in ("base", "flange")]
     return [message("workflows.urdf_base_base_link", base=links[0], flange=links[1])] if all(links) else []
 

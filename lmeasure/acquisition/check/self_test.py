@@ -24,7 +24,7 @@ from lmeasure.text import Message, count_of, joined, message
 STEPS = 3
 ASKED_DEG = 45.0
 TILTED_DEG = 5.0
-"""Angle by which you turn a swivel pulley, by eye."""
+"""Angle of a turn of a swivel pulley, by eye."""
 AS_ASKED = 0.5
 """Doublings by which that may be off; an encoder of half or twice the resolution is farther off."""
 LEAST_TILT_DEG = 1.0
@@ -49,7 +49,7 @@ class EncoderCheck:
 @dataclass(frozen=True)
 class _Motion:
     """Actions of a user on one sensor: before, the motion, and back. called: the sensor's name; act: the motion for a simulated cell;
-    about, least: wanted and smallest rise of the reading, in the unit; alone: whether the others of its kind must stand still."""
+    about, least: wanted and smallest rise of the reading, in the unit; alone: whether the others of its kind must be at rest."""
 
     before: str
     motion: str

@@ -24,7 +24,7 @@ from lmeasure.text import message
 MODULI_S = {2**32 * 1e-6: "2^32 us", 60.0: "60 s", 2**16 * 1e-3: "2^16 ms", 3600.0: "1 h", 86400.0: "24 h", 2**32 * 1e-3: "2^32 ms"}
 """Ranges of clocks that restart: GVRET and ESP32, SLCAN, timers of 16 and 32 bits, and times of day."""
 BACK = 2.5
-"""Periods by which stamps may step back and still count as frames out of order."""
+"""Periods of a step back that still counts as frames out of order."""
 FORWARD = 5.0
 FORWARD_S = 0.05
 """A longer silence, in periods and seconds, may be a clock that was set forward."""

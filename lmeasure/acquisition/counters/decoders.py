@@ -92,7 +92,7 @@ class CounterField:
         return out
 
     def why_no_count(self, value: int) -> str:
-        """Say why a value carries no count."""
+        """Return why a value carries no count."""
         unsigned = value % 2**self.bits if self.reader is None else value
         shown = f"{unsigned:0{(self.bits + 3) // 4}X}h" if self.reader is None else str(value)
         return composed("{shown}: {why}", shown=shown, why=self.names.get(value) or self.range_text)

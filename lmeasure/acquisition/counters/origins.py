@@ -256,7 +256,7 @@ def may_wrap(steps: IntArray, passed_s: FloatArray, values: int, max_rate: float
 
 
 class Evidence:
-    """Collect what the other channels show about a channel's gap."""
+    """Collect the evidence of other channels on a channel's gap."""
 
     def __init__(self, counters: Sequence[Counter]) -> None:
         self._values = np.array([c.values for c in counters], np.float64)

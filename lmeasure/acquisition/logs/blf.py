@@ -28,7 +28,7 @@ CONTAINERS_AHEAD = 8
 SIGNATURE = b"LOBJ"
 PADDING = 4
 LOST = (91, 125)
-"""Kinds of objects by which the recorder states lost data."""
+"""Kinds of objects that report lost data."""
 KINDS = {
     "overload frame": (3,),
     "statistics": (4,),

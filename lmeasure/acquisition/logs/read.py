@@ -1,7 +1,7 @@
 """Log files of CAN frames, read in batches of bounded size: BLF, ASC and candump by compiled scans, TRC, candump's screen and CSV line by
 line, MF4 by python-can's reader.
 
-A log that breaks off gives everything up to the break, and the report says where. Every line or object is a frame, of a known other kind,
+A log that breaks off gives everything up to the break, and the report states where. Every line or object is a frame, of a known other kind,
 or counted as unread; nothing is guessed. Times are those of python-can's readers with absolute times: the log's times plus its stated start
 (0 without one).
 """

@@ -177,7 +177,7 @@ class Channels:
 
 
 def bytes_announced(announced: int, found: int) -> Message:
-    """Say that a frame does not have the bytes that it announces."""
+    """Report that a frame does not have the bytes that it announces."""
     return text_of("log.bytes", announced=announced, found=found)
 
 

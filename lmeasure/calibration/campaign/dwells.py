@@ -1,4 +1,4 @@
-"""Counts recorded while the robot stands still: their mean, and the uncertainty of a mean of rounded readings.
+"""Counts recorded while the robot is at rest: their mean, and the uncertainty of a mean of rounded readings.
 
 A still counter shows the same whole count again and again, and its mean is as far from the truth as one reading. Only noise that moves the
 count makes the mean better. Of a reading y = round(x + nu), nu Gaussian of standard deviation sigma [counts], the mean over nu is off x by

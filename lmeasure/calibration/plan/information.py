@@ -80,7 +80,7 @@ class Instrument:
         return Zero(row[None, :], np.zeros(len(self.cables), np.int64), _root(shared @ shared.T)[1])
 
     def gradients(self, rows: FloatArray, zero: FloatArray, of: IntArray, cables: tuple[Observed, ...]) -> FloatArray:
-        """(n, m, p) derivatives of modelled less measured changes [mm] at usable poses rows (n, 7), since the zero poses zero (z, 7) that
+        """(n, m, p) derivatives of modelled minus measured changes [mm] at usable poses rows (n, 7), since the zero poses zero (z, 7) that
         of (m,) names, by the unknowns in units of their prior widths."""
         known, own = self._channels(cables), self._channels(cables).of
         every, j = np.ascontiguousarray(np.vstack([zero, rows])), np.arange(len(cables))

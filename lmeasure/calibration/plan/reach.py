@@ -120,7 +120,7 @@ class Limits:
 
 
 class Usable:
-    """Tells usable poses from those where a cable would be slack, wrapped too far, or crossed."""
+    """Distinguish usable poses from those where a cable would be slack, wrapped too far, or crossed."""
 
     REASONS = (
         message("calibration.cable_too_short_too"),

@@ -64,7 +64,7 @@ def predict(campaign: Campaign, rig: Rig, record: CalibrationRecord, seed: int =
 
 
 def _of_poses(wrenches: FloatArray, g: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(n, 6) standard uncertainties of tool's origin and rotation at n poses whose m lengths err by g (n, m, w) per parameter."""
+    """(n, 6) standard uncertainties of tool's origin and rotation at n poses whose m lengths have errors g (n, m, w) per parameter."""
     n, m, width = g.shape
     every = np.zeros((n, m, m, width))
     every[:, np.arange(m), np.arange(m)] = g

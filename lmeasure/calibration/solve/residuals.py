@@ -216,7 +216,7 @@ class Residuals(Problem):
         return rows[: self._drums], (poses[zero], k[zero, np.arange(self._drums)]), poses, k
 
     def residuals(self, theta: FloatArray) -> FloatArray:
-        """(e,) modelled less measured changes [mm]; infinite where a cable cannot run."""
+        """(e,) modelled minus measured changes [mm]; infinite where a cable cannot run."""
         rows, _, counts = self.cables(theta)
         poses = self.poses(theta)
         f = (span_lengths(rows, poses) - changes_from_counts(rows, counts)) * self._per_unit
@@ -233,7 +233,7 @@ class Residuals(Problem):
         return np.where(np.isfinite(r), r, 1e6)
 
     def since_zero(self, every: FloatArray) -> FloatArray:
-        """(e, ...) of each residual's pose and channel from (n, m, ...), less the same at the zero pose where it counts from there."""
+        """(e, ...) of each residual's pose and channel from (n, m, ...), minus the same at the zero pose where it counts from there."""
         begun = every[self._zero, self.cable_index]
         begun[~self._since] = 0.0
         return np.asarray(every[self.pose_index, self.cable_index] - begun)

@@ -100,7 +100,7 @@ class Model(Residuals):
     def effect_covariance(self, theta: FloatArray) -> FloatArray | None:
         """Return the (e, e) covariance of the residuals [mm^2] from uncertain temperature, stretch and sag; None without any.
 
-        Properties of cables and frame err alike everywhere; a pose's temperature errs for all its cables, a tension for one cable there.
+        Errors of cables and frame are the same everywhere. A pose's temperature is one error of all its cables, a tension of one cable.
         """
         if self._effects is None:
             return None
@@ -173,8 +173,8 @@ class Model(Residuals):
     def unsolved_covariance(self, theta: FloatArray) -> FloatArray | None:
         """Return the (e, e) covariance of the residuals [mm^2] from the rig's stated, unsolved uncertainties; None without any.
 
-        A dimension, a drum that runs out, an eccentric pulley err alike in all equations. The direction of a cable's last motion is not
-        recorded: play errs for each reading on its own, and once for all equations of a cable where it was zeroed.
+        Dimensions, runout and eccentric pulleys have one error in all equations. The direction of a cable's last motion is not
+        recorded: play is a new error at each reading, and once for all equations of a cable where it was zeroed.
         """
         play, begun = self._play_mm
         if not (self.unsolved or begun.any() or TRAVEL in self.sizes):

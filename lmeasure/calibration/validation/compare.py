@@ -48,7 +48,7 @@ class ValueShift:
 
     @property
     def change(self) -> float:
-        """New less old; angles the short way round."""
+        """New minus old; angles the short way round."""
         return math.remainder(self.new - self.old, 360.0) if self.name.endswith("_deg") else self.new - self.old
 
 
@@ -202,7 +202,7 @@ def _changes(rig: Rig, rows: FloatArray, cables: tuple[Cable, ...]) -> FloatArra
 
 
 def _misread(rig: Rig, rows: FloatArray, raw: FloatArray, cables: tuple[Cable, ...]) -> FloatArray:
-    """(n, m) modelled less measured changes [mm] for recorded counts raw (n, m), signs undone."""
+    """(n, m) modelled minus measured changes [mm] for recorded counts raw (n, m), signs undone."""
     counts = raw / rig.scales(cables)
     out = _changes(rig, rows, cables) - changes_from_counts(rig.cable_rows(cables), counts)
     parts = parts_of(rig, cables)

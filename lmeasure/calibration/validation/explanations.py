@@ -1,4 +1,4 @@
-"""Explanations of a misfit of a campaign: reference poses, lengths that err on their own, values that are taken as exact."""
+"""Explanations of a misfit of a campaign: reference poses, independent errors of lengths, values that are taken as exact."""
 
 import math
 from dataclasses import dataclass
@@ -95,5 +95,5 @@ def _length_errors(model: Model, cables: IntArray) -> FloatArray:
 
 
 def every_length(model: Model) -> Explanation:
-    """All cables' lengths err on their own, alike."""
+    """All cable lengths have independent errors of one size."""
     return Explanation("length", _length_errors(model, np.arange(len(model.campaign.drums))), lasting=True)

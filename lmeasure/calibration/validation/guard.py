@@ -54,7 +54,7 @@ def against_nominal(model: Model, found: Fit, first: Fit) -> AgainstNominal | No
     """Compare a fit with its nominal rig; None with too few poses that others determine, or unknown poses, for which the nominal rig
     predicts nothing. first: the fit under the stated noise.
 
-    Each pose is predicted from all others, under the covariance of the residuals: the zero pose errs in both rigs' predictions and favours
+    Each pose is predicted from all others, under the covariance of the residuals: an error of the zero pose is in both, and favours
     neither. The errors at one pose are one observation: cables share the pose's own error. A one-sided t test of the logarithms of the
     ratios of their mean squares, pose by pose, so that a few wild poses decide nothing.
     """

@@ -29,7 +29,7 @@ class Suspect:
 
 @dataclass(frozen=True)
 class ValidationPose:
-    """A pose that was kept out of the fit: errors (c,) measured less predicted changes since the zero pose [mm] of its counted channels,
+    """A pose that was kept out of the fit: errors (c,) measured minus predicted changes since the zero pose [mm] of its counted channels,
     and their standard uncertainties (c,) from the calibration, the counts and the reference poses."""
 
     pose: str

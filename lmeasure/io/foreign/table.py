@@ -57,7 +57,7 @@ class ForeignTable:
         self.lines: list[int] = []
         """Lines of its rows in a text file."""
         self._asked = set[str]()
-        """Names by which columns were looked for."""
+        """Names of the requested columns."""
         self.read_as = ""
         """Reading of the orientation: columns and convention; empty before, and where there is none."""
         self.unread: tuple[str, ...] = ()

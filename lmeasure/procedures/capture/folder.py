@@ -46,7 +46,7 @@ class Reading:
 
     @property
     def spread(self) -> FloatArray:
-        """(m,) largest less smallest count."""
+        """(m,) largest minus smallest count."""
         return np.asarray(np.ptp(self.counts, axis=0))
 
 

@@ -34,7 +34,7 @@ HOLE = 1.5
 
 
 def still_counts(rig: Rig, channels: tuple[str, ...], passage: int) -> FloatArray:
-    """Return (m,) recorded counts by which channels change at most while the robot rests."""
+    """Return (m,) the largest changes of channels while the robot rests [counts]."""
     known = [rig.counters_of(passage)[c] for c in channels]
     still = [(STILL_MM if c.is_length else math.radians(STILL_DEG)) * c.scale / c.per_count for c in known]
     return np.maximum(np.array(still), STILL_COUNTS)
@@ -109,7 +109,7 @@ class _Rows:
 class Rest:
     """The rest that the newest samples belong to: their times (n,) and counts (n, m), none while the robot moves.
 
-    band (m,): counts by which channels change within a rest at most; modulus (m,): see `moduli`, counts here continue from the first ones.
+    band (m,): largest changes of channels within a rest [counts]; modulus (m,): see `moduli`, counts here continue from the first ones.
     Only the last `LONGEST_S` of a long rest are kept; since_s is its beginning. Time is that of the samples, whenever they come.
     """
 
@@ -286,7 +286,7 @@ def lengths_of_counts(rig: Rig, channels: tuple[str, ...], passage: int) -> Floa
 def judged_return(
     rig: Rig, channels: tuple[str, ...], passage: int, counts: FloatArray, *, variance: FloatArray, u_repeatability_mm: float
 ) -> Return:
-    """Counts (m,) at the return less those at first, whose difference has the variance (m,) by reading; the robot comes back with the
+    """Counts (m,) at the return minus those at first, whose difference has the variance (m,) by reading; the robot comes back with the
     standard deviation u_repeatability_mm, twice."""
     mm = lengths_of_counts(rig, channels, passage)
     of_robot = np.where(mm > 0.0, np.sqrt(2.0) * u_repeatability_mm / np.where(mm > 0.0, mm, 1.0), 0.0)

@@ -276,7 +276,7 @@ class Session:
             self._read()
 
     def keys_are_gone(self) -> None:
-        """Nobody can type any more."""
+        """Note that no more input can come."""
         if self.settings.by == "key":
             self._quit()
         self.keys = False

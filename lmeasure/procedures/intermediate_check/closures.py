@@ -107,7 +107,7 @@ class Path:
         self._zero = np.where(budget.absolute, 0.0, begun) if zero is None else zero
 
     def residual(self, reading: FloatArray, pose: FloatArray) -> FloatArray:
-        """(m,) readings (m,) less those at a pose (7,)."""
+        """(m,) readings (m,) minus those at a pose (7,)."""
         off = reading - (span_lengths(self._rows, pose[None])[0] - self._zero)
         off[self._angles] -= TURN * np.round(off[self._angles] / TURN)
         return np.asarray(off)
@@ -203,7 +203,7 @@ def _scatter_mm(budget: Budget, stops: Stops, repeatability_mm: float) -> FloatA
 
 
 def _reversals(budget: Budget, stops: Stops, repeatability_mm: float) -> list[Closure]:
-    """Return, for each cable, its length at places that it came to both ways, paid out less wound in, the mean over places."""
+    """Return, for each cable, its length at places that it came to both ways, paid out minus wound in, the mean over places."""
     out, u = [], _scatter_mm(budget, stops, repeatability_mm)
     for j, c in enumerate(budget.rig.cable):
         differences, weights = [], []

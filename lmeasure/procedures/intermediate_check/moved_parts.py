@@ -1,7 +1,7 @@
 """Agreement of the channels of a check, and parts moved since the calibration if they disagree.
 
 Parities y of all stops, combinations that no pose of the tool changes (`trajectory.faults.redundancy`), have the covariance V of whole
-counts and of all that the calibration leaves uncertain, one draw for the whole run. y' V^-1 y is chi-squared while the rig is what it was.
+counts and of all that the calibration leaves uncertain, one draw for the whole run. y' V^-1 y is chi-squared if the rig has not changed.
 A cause (an observation point that moved, an encoder that slipped on its pulley, a drum whose count is of another length, a wrong start)
 adds y = A d, and removes A (A' V^-1 A)^-1 A' V^-1 y of chi-squared, with the degrees of freedom of d (Baarda 1968). It is named if no other
 comes near: their remaining chi-squared, with twice their degrees of freedom on top (Akaike), must be more by `APART`.
@@ -40,7 +40,7 @@ POWER = 0.8
 class Cause:
     """Possible change: kind (point, attachment, encoder, drum, start), name, size of the change and its standard uncertainty in unit; rest:
     remaining chi-squared, with twice its degrees of freedom; detectable: the size that would be detected with `POWER`, the mean over
-    directions; untold: whether the stops do not determine it."""
+    directions."""
 
     kind: str
     name: str

@@ -260,7 +260,7 @@ class Identified(Shown, Generic[R]):
 
     @property
     def shape(self) -> FloatArray:
-        """(3, 3) how errors of places lie in the instrument's frame, of trace 3: robots err more about some axes than about others."""
+        """(3, 3) shape of errors of places in the instrument's frame, of trace 3: they are larger about some axes than about others."""
         fit = self.fit
         used = fit.problem.rows.placed
         errors = fit.at.residuals[used, POSITION]
@@ -287,7 +287,7 @@ class Identified(Shown, Generic[R]):
         return float(np.sqrt(np.trace(self.of_robot(replace(row, target_of=np.zeros(1, dtype=np.int64)))[0]) / 3.0))
 
     def errors_mm(self) -> FloatArray:
-        """(N, 3) measured less predicted places of all rows [mm, instrument's frame], without the errors of the instrument that all rows
+        """(N, 3) measured minus predicted places of all rows [mm, instrument's frame], without the errors of the instrument that all rows
         share, as they were estimated; NaN where none was measured."""
         shared = self.rows.systematic[:, POSITION] @ self.fit.x[self.fit.problem.unknowns.asked :]
         return np.asarray(self.rows.position - shared - self.state.predicted(self.rows)[:, :3])
@@ -299,7 +299,7 @@ class Identified(Shown, Generic[R]):
 
 @dataclass(frozen=True)
 class Prediction:
-    """pose (N, 7) instrument_from_target [mm]; covariance (N, 3, 3) [mm^2] of a new measurement's place less that; u95_mm (N,): radius
+    """pose (N, 7) instrument_from_target [mm]; covariance (N, 3, 3) [mm^2] of a new measurement's place minus that; u95_mm (N,): radius
     that holds 95 % of such differences."""
 
     pose: FloatArray
@@ -339,7 +339,7 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     robot
         Nominal robot.
     rows
-        Measurements: joint values, targets, and what the instrument measured.
+        Measurements: joint values, targets, and measurements of the instrument.
     settings
         Effects that may be freed, priors and hold-out; by default `Settings()`.
 

@@ -99,7 +99,7 @@ class Problem(estimation_Problem, Generic[R]):
         return self.unknowns.width / self.unknowns.size
 
     def residuals(self, theta: FloatArray) -> FloatArray:
-        """(e,) modelled less measured, of the components that were measured."""
+        """(e,) modelled minus measured, of the components that were measured."""
         return -self.linearised(theta).residuals[self.rows.known]
 
     def jacobian(self, theta: FloatArray) -> FloatArray:

@@ -24,7 +24,7 @@ from lmeasure.text import message
 SUSPECT_MM, SUSPECT_PART = 8.0, 0.004
 """Misfit, absolutely and in parts of how far the measured places spread, from which slips are looked for."""
 CURES = 4.0
-"""Factor by which the misfit must shrink for a slip to be named."""
+"""Factor of the misfit at which a mistake is named."""
 MOST = 3
 SMALLEST_MM, LARGEST_MM = 50.0, 30_000.0
 """Reach of robots."""

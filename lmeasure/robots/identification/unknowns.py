@@ -309,7 +309,7 @@ class Unknowns(Generic[R]):
         return np.asarray(np.where(rows.known[:, :, None], out, 0.0))
 
     def residuals(self, x: FloatArray, rows: Measurements | None = None) -> FloatArray:
-        """(N, 6) measured less predicted components (rotation [rad]; position or length [mm]), 0 where nothing was measured."""
+        """(N, 6) measured minus predicted components (rotation [rad]; position or length [mm]), 0 where nothing was measured."""
         return self.linearised(x, rows)[0]
 
     def linearised(self, x: FloatArray, rows: Measurements | None = None) -> tuple[FloatArray, FloatArray]:

@@ -8,8 +8,8 @@ Body rates follow by one recursion over j (Sommer et al., CVPR 2020), with A = E
 
     w = x + c' d,    a = y + c' x * d + c'' d,    b = z + 2 c' y * d + c'' x * d + c'^2 (x * d) * d + c''' d      (* the cross product)
 
-An error delta(t) of the curve is a turn in base axes and a shift. Of R_true = Exp(delta) R the angular velocity errs by
-delta' + delta * w, the acceleration by delta'' + delta' * w + delta * a, the jerk by delta''' + delta'' * w + 2 delta' * a + delta * b.
+An error delta(t) of the curve is a turn in base axes and a shift. Of R_true = Exp(delta) R the error of the angular velocity is
+delta' + delta * w, of the acceleration delta'' + delta' * w + delta * a, of the jerk delta''' + delta'' * w + 2 delta' * a + delta * b.
 """
 
 import math
@@ -188,7 +188,7 @@ class Curve(Shown):
         Raises
         ------
         TrajectoryError
-            If a time is outside the curve, or more derivatives are asked for than it has.
+            If a time is outside the curve, or more derivatives are requested than it has.
         """
         if not 0 <= rates <= RATES:
             raise TrajectoryError(message("curve.rates", has=RATES, rates=rates))

@@ -16,15 +16,15 @@ those by powers of two, on a part of the run, or is wider and about as likely. I
 Solution
 --------
 Gauss-Newton: normal equations N of the control poses have a band of 36 rows, N + D^T v^-1 D is factored in it, so time and memory grow
-linearly with the run. The shared variables border the band (S = P - X^T N^-1 X, Schur): with Y = N^-1 X the control poses err by
+linearly with the run. The shared variables border the band (S = P - X^T N^-1 X, Schur): with Y = N^-1 X the errors of the control poses are
 Y S^-1/2 of independent variables of unit variance, besides the band of N^-1 (Takahashi's recurrence).
 
-A count that stands still is one error, however often it is read: a reading that k samples on end repeat has k times its variance. A dwell
+A constant count is one error, however often it is read: a reading that k samples on end repeat has k times its variance. A dwell
 then counts as its interval does, a uniform error of one count. Where readings move by a count or more between samples, roundings are
 independent and as good as normal: some twenty of them act on each pose.
 
 Without redundant channels nothing but the smoothness of the motion would speak about the shared variables, and a robot need not be smooth.
-There they keep what was known of them before, and the poses include it.
+There they keep their earlier values, and the poses include it.
 """
 
 from collections.abc import Iterator
@@ -62,9 +62,7 @@ TRIES = 3  # Spacings, each half of the one before, that are tried where the cho
 STRAIGHT_MM, LEVER_MM = 0.1, 1000.0
 """Move, of a turn at this lever, up to which the equations are followed by their own slopes: readings bend by some 5e-6 mm
 there. Equations of clocks are made anew, since they bend with the acceleration."""
-DOUBT = (
-    16.0  # Factor on the estimated variance of differences from a log, because a robot's deviations follow its motion, not chance
-)
+DOUBT = 16.0  # Factor on the estimated variance of differences from a log, because a robot's deviations follow its motion, not chance
 SMOOTHINGS = 3  # Estimates of the snap in each round
 CHOSEN_BY = 3000  # Samples for the choice of the spacing
 WIDEST = 8  # Intervals that the run, or that part, has at least
@@ -488,7 +486,7 @@ def on_curve(trajectory: Trajectory, curve: Curve, *, systematic: bool = True) -
 
 
 def _note_of_log(joints: JointLog, shape: Shape, time_s: FloatArray, curve: Curve, without: Curve) -> Message:
-    """Return a note on what a joint log changed, or that it did not."""
+    """Return a note on the effect of a joint log, or that it has none."""
     if curve is without:
         return message("curve.log_unused", source=joints.source, late_ms=1e3 * shape.late_s, off_mm=shape.off_mm)
     apart = float(np.linalg.norm(curve.poses(time_s)[:, :3] - without.poses(time_s)[:, :3], axis=1).max())

@@ -2,7 +2,7 @@
 
 The log gives base_from_flange F(t) by the nominal robot. The tool is at Y F(t + late) X, with unknown frames and clock, which a fit to the
 poses of the samples determines. The prior takes from it only the fourth differences of the control poses: those of the curve are normal
-about them, of a variance that the readings determine (`fit`). What the robot does and its log does not show is in the differences between
+about them, of a variance that the readings determine (`fit`). Motion that the log does not show is in the differences between
 both. If it is smooth it has no fourth differences, so it costs nothing. If it is sharp the variance grows there, as it does without a log.
 """
 

@@ -36,11 +36,11 @@ class CurveStream:
     Parameters
     ----------
     run
-        Rig, start and what is stated of the run. Its passes are not read: `lm.Run(rig, start, ())` is enough.
+        Rig, start and statements of the run. Its passes are not read: `lm.Run(rig, start, ())` is enough.
     lag_s
         Longest time [s] from a sample to its pose. At least three quarters of it are used to smooth.
     spacing_s
-        Interval of the knots [s]; by default 8 ms, or that of the samples if it is longer, and less where the counts ask for it.
+        Interval of the knots [s]; by default 8 ms, or that of the samples if it is longer, and less if the counts require it.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class CurveStream:
         return self._reconstruction.doubts.applied(rig, lengths)
 
     def _prepared(self) -> Reconstruction | None:
-        """The reconstruction, as the first window shows it; None as long as a start that nobody stated is not determined."""
+        """The reconstruction, as the first window shows it; None as long as an unstated start is not determined."""
         if self._reconstruction is None:
             counts = Counts(np.array(self._time_s), self.channels, np.array(self._recorded), source="the run so far")
             try:

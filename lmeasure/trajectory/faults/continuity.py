@@ -105,7 +105,7 @@ NONE = Doubts()
 
 
 def shifted(shifts: Iterable[Shift], time_s: FloatArray, counts: FloatArray) -> FloatArray:
-    """(n, m) true counts at times (n,), less these shifts."""
+    """(n, m) true counts at times (n,), minus these shifts."""
     counts = counts.copy()
     for s in shifts:
         counts[s.mask(time_s), s.cable] -= s.counts

@@ -355,7 +355,7 @@ def _recorded(rig: Rig, entry: Recorded, per_mm: FloatArray) -> FloatArray:
 
 
 def _without(steps: tuple[Step, ...], difference: FloatArray, between: tuple[float, float]) -> FloatArray:
-    """A difference of lengths (m,) less the steps between its times."""
+    """A difference of lengths (m,) minus the steps between its times."""
     out = difference.copy()
     for step in steps:
         if between[0] <= step.after_s and step.before_s <= between[1]:
@@ -423,7 +423,7 @@ def _scatter(rests: Rests, steps: tuple[Step, ...]) -> FloatArray:
 
 
 def _within(values: FloatArray, places: IntArray) -> tuple[FloatArray, int]:
-    """(N, m) values less the means of their places, and the degrees of freedom they have."""
+    """(N, m) values minus the means of their places, and the degrees of freedom they have."""
     if not len(values):
         return values, 0
     number = np.bincount(places)

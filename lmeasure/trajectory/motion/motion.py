@@ -163,7 +163,7 @@ def _parts(poses: FloatArray, stretch: IntArray | None) -> list[slice]:
 
 
 def _chosen(time_s: FloatArray, poses: FloatArray, u: FloatArray, stamps: Stamps, parts: list[slice], widest_s: float) -> float:
-    """The half width, at most widest_s, whose velocities err least by noise and by bias together; the widest where none is much better."""
+    """The half width, at most widest_s, whose velocities have the least noise and bias together; the widest where none is much better."""
     if not np.isfinite(u[:, 3:]).any() or max((p.stop - p.start for p in parts), default=0) < 2:
         return widest_s
     narrowest = FULL * float(np.median(np.concatenate([np.diff(time_s[p]) for p in parts])))

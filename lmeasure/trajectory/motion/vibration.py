@@ -40,9 +40,7 @@ CHANCE = 1e-3  # Probability that independent noise counts as vibration
 MOST_SAMPLES = 128  # Samples of a dwell for its frequencies: means of neighbours if there are more
 UNCERTAIN = 0.25  # Times the window: to either side of a frequency it may wander, so that whole periods are not counted on
 HARMONICS = np.arange(1, 33)
-SIZES = np.concatenate(
-    [np.linspace(0.0, 0.5, 26), np.geomspace(0.52, 40.0, 60)]
-)  # Sizes of vibration [counts, rms] at which K is computed
+SIZES = np.concatenate([np.linspace(0.0, 0.5, 26), np.geomspace(0.52, 40.0, 60)])  # Sizes of vibration [counts, rms] at which K is computed
 MOST_SHAPES = 8  # Dwells for its shape
 
 WIGGLES = 3.0  # Standard uncertainties of a curve that it may move by in a dwell though the robot rests

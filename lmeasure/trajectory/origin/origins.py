@@ -538,7 +538,7 @@ def _changed_origins(reconstruction: Reconstruction, pieces: Pieces) -> Reconstr
 
 
 def _since(doubts: Doubts, cable: int, name: str, from_s: float) -> Doubts:
-    """Return the doubts, the last one of a cable that is not used to the end from the time on at which it began to err."""
+    """Return the doubts, the last one of a cable that is not used to the end from its first error on."""
     last = next((d for d in doubts.every if d.cable == cable and np.isinf(d.until_s) and d.after_s > from_s), None)
     if last is None:
         return doubts

@@ -8,7 +8,7 @@ stamps. Or the host requested them: then its stamps stay, and the noise of the m
 would differ from the stamps by more than their scatter.
 
 The motion shows whether neighbouring samples are even, within a few samples; only stamps show whether the period is the same a second
-later. Intervals of stamps that err each on its own add up to a random walk, which grows with the square root of time, and is the host's if
+later. Independent errors of intervals of stamps add up to a random walk, which grows with the square root of time, and is the host's if
 neighbouring samples are even: then even times are used. Faster growth, or a sum of the device's own errors, is no such walk.
 
 A busy host stamps a sample late: never early, several at once behind a pause. Even samples of a device therefore lie on a line of stamp
@@ -287,8 +287,8 @@ def _least(late_s: FloatArray) -> float:
 
 def random_walk(late_s: FloatArray, number: IntArray, stretch: IntArray) -> float:
     """Return the standard deviation [s] of one interval where the intervals of stamps, late_s (n,), add up to a random walk, else 0. Second
-    differences over L samples (the Allan variance of a clock) have a mean square of 6 u^2 where each stamp errs by u on its own, and of 2 L
-    w^2 where intervals err by w. A clock that drifts, or has another rate from some sample on, hardly shows in their median."""
+    differences over L samples (the Allan variance of a clock) have a mean square of 6 u^2 where stamps have independent errors u, of 2 L
+    w^2 where intervals have errors w. A clock that drifts, or has another rate from some sample on, hardly shows in their median."""
     most = len(late_s) // OF_LAG
     if most < LEAST_LAG:
         return 0.0

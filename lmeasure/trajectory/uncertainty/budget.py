@@ -1,8 +1,8 @@
 """Sources of a pose's uncertainty, sample by sample: errors new at every sample, and common errors of a whole run.
 
-A pose errs by delta = G dl, G the inverse of its rows. Random are the lengths' own errors, independent from sample to sample. Systematic
+A pose error is delta = G dl, G the inverse of its rows. Random are the lengths' own errors, independent from sample to sample. Systematic
 are a few errors common to all samples of the run: of the calibration, of the sub-count offset at zeroing, of the start pose, of a pass's
-clock and position. Each is a variable z_k of unit variance, normal or uniform, and the pose errs by sum_k factor_k z_k, with factors of its
+clock and position. Each is a variable z_k of unit variance, normal or uniform; the pose error is sum_k factor_k z_k, with factors of its
 own at every sample and the same z: from the factors the errors of differences, means and lines follow, which do not follow from covariances
 of single samples (JCGM 102, 6.2; GTC). For the sources see `trajectory.uncertainty.sources`.
 

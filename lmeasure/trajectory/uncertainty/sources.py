@@ -6,7 +6,7 @@ cables at a sample. `budget.Budget` takes a tuple of sources, and the covariance
 Effects of larger errors on a pose beyond first order: readings bend while the pose moves by a zero that is known to a degree.
 
 With f the channels' readings at a pose, G the inverse of its rows and L the errors of the readings by variables z of unit variance, the
-pose errs by the delta for which f(delta) - f(0) = L z. With F = G L and H the second derivatives of f,
+pose error is the delta for which f(delta) - f(0) = L z. With F = G L and H the second derivatives of f,
 
     delta = F z + sum_(i<j) D_ij z_i z_j + sum_i D_ii (z_i^2 - 1) / 2 + sum_i D_ii / 2 + rest,    D_ij = -G H[F_i, F_j].
 
@@ -174,7 +174,7 @@ def loose_zeros(rig: Rig, record: CalibrationRecord | None, free: int) -> IntArr
 def own_lengths(rig: Rig, record: CalibrationRecord | None) -> Source:
     """Return the cables' own errors of length, from the residuals of the calibration (`CalibrationRecord.u_length_mm`). Their cause is
     unknown: run-out, an eccentric pulley, friction. They are modelled as a wave of a drum's turn, of unknown phase, so that lengths a
-    fraction of a turn apart err together and farther ones do not, minus the error at zeroing."""
+    fraction of a turn apart have common errors and farther ones do not, minus the error at zeroing."""
     known = {} if record is None else record.u_length_mm
     u = np.array([known.get(c.name, 0.0) for c in rig.cable])
     own, turn = np.flatnonzero(u), rig.cable_rows()[:, TURN_COUNTS]
