@@ -260,7 +260,7 @@ def alarms(found: list[str]) -> str:
     return "\n".join([f"{sum(map(bool, found))} of {len(found)} sound runs alarmed", *filter(None, found)])
 
 
-def _told(data: pd.DataFrame) -> str:
+def _shares(data: pd.DataFrame) -> str:
     """Silent, partly and caught (with harmless) runs of a group, out of all."""
     if not len(data):
         return ""
@@ -283,7 +283,7 @@ def table(found: list[dict[str, Any]]) -> str:
         f"|---|{'---|' * len(head)}",
     ]
     for kind in KINDS:
-        cells = [_told(data[(data.kind == kind) & (data.cables == cables) & (data.limits == limits)]) for _, cables, limits in columns]
+        cells = [_shares(data[(data.kind == kind) & (data.cables == cables) & (data.limits == limits)]) for _, cables, limits in columns]
         lines.append(f"| {kind} | {' | '.join(cells)} |")
     lines.append("")
     for _, cables, limits in columns:

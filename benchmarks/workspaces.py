@@ -268,7 +268,7 @@ def taken(robot: str, reported: FloatArray) -> BoolArray:
     return checked(model, file.limits, np.where(lost, model.home, poses)).all & ~lost[:, 0]
 
 
-def beside_told(case: Reported, poses: int) -> tuple[int, int, float, float, float, float]:
+def beside_reported(case: Reported, poses: int) -> tuple[int, int, float, float, float, float]:
     """As `beside`, sizes in the units of what is told."""
     data, axes = read(case.robot), tuple(np.arange(a, b + 0.5 * step, step) for a, b, step in case.axes)
     scale = np.array([np.radians(1.0)] * 2 + [1.0]) if len(axes) == 3 else np.ones(1)
@@ -310,7 +310,7 @@ def main() -> None:
     ]
     lines.append("|---" * 8 + "|")
     for reported in REPORTED:
-        nodes, other, volume, error, random, u = beside_told(reported, arguments.poses)
+        nodes, other, volume, error, random, u = beside_reported(reported, arguments.poses)
         sizes = " | ".join(f"{v:.2f}" for v in (volume, error, random, u))
         lines.append(f"| {reported.robot} | {reported.unit} | {nodes} | {other} | {sizes} |")
         print(lines[-1], flush=True)

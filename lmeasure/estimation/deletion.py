@@ -18,7 +18,7 @@ from lmeasure.estimation.problem import Fit, Problem
 
 MIN_FREEDOM = 3  # degrees of freedom that must be left for an F test to mean something
 LEFT = 1e-3  # least part of a group's smallest variance that remains after the fit
-UNTOLD = 1e10  # ratio of information with and without the rest, from which residuals are indispensable
+INDISPENSABLE = 1e10  # ratio of information with and without the rest, from which residuals are indispensable
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class Deletion(Remainder):
         nuisance = self._fit.problem.nuisance
         if not columns.shape[1]:
             return None
-        determined = _told(columns.T @ self._P @ columns, columns.T @ self._alone @ columns, 0 if nuisance is None else nuisance.size)
+        determined = _determined(columns.T @ self._P @ columns, columns.T @ self._alone @ columns, 0 if nuisance is None else nuisance.size)
         if determined is None:
             return None
         values, vectors = determined
@@ -156,7 +156,7 @@ class Deletion(Remainder):
         for group in np.unique(groups):
             rows = np.flatnonzero(groups == group)
             lost = 0 if nuisance is None else nuisance.size * len(np.unique(nuisance.of[rows]))
-            determined = _told(self._P[np.ix_(rows, rows)], self._alone[np.ix_(rows, rows)], lost)
+            determined = _determined(self._P[np.ix_(rows, rows)], self._alone[np.ix_(rows, rows)], lost)
             if determined is None:
                 continue
             values, vectors = determined
@@ -164,12 +164,12 @@ class Deletion(Remainder):
         return out
 
 
-def _told(information: FloatArray, alone: FloatArray, lost: int) -> tuple[FloatArray, FloatArray] | None:
+def _determined(information: FloatArray, alone: FloatArray, lost: int) -> tuple[FloatArray, FloatArray] | None:
     """Return (k,) eigenvalues and (c, k) eigenvectors of the others' information about c residuals. Combinations that the residuals' own
     nuisance parameters can fit are omitted. None without information. alone (c, c): information without any fit, the scale of rounding."""
     values, vectors = np.linalg.eigh(information)
     values, vectors = values[lost:], vectors[:, lost:]
-    if not len(values) or values[0] * UNTOLD < np.trace(alone):
+    if not len(values) or values[0] * INDISPENSABLE < np.trace(alone):
         return None
     return values, vectors
 

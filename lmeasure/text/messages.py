@@ -232,7 +232,7 @@ def stated_causes(causes: "TextArray") -> "TextArray":
     return _each(causes, lambda cause: json.dumps(cause.stated(), ensure_ascii=False) if isinstance(cause, Message) else "", "")
 
 
-def said_first(cause: Cause) -> Cause:
+def first_cause(cause: Cause) -> Cause:
     """Return the first of several causes."""
     while isinstance(cause, Message) and cause.code == JOINED:
         cause = cause.values["first"]
@@ -241,7 +241,7 @@ def said_first(cause: Cause) -> Cause:
 
 def is_of(cause: Cause, code: str) -> bool:
     """Return whether a cause, or the first of several, has this code."""
-    first = said_first(cause)
+    first = first_cause(cause)
     return isinstance(first, Message) and first.code == code
 
 

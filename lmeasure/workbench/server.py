@@ -131,7 +131,7 @@ class _Server(uvicorn.Server):
         timer.start()
 
 
-def _told(record: logging.LogRecord) -> bool:
+def _is_fault(record: logging.LogRecord) -> bool:
     """Return whether a fault is none that a server has by itself when it ends before all that it computes."""
     given_up = record.exc_info is not None and isinstance(record.exc_info[1], asyncio.CancelledError)
     return not given_up and not record.getMessage().startswith("Cancel ")
@@ -163,7 +163,7 @@ class Served:
         quiet = {"log_level": "warning", "access_log": False, "server_header": False, **tls}
         self._server = _Server(uvicorn.Config(app, timeout_graceful_shutdown=GRACE_S, **quiet))  # type: ignore[arg-type]
         self._server.last = self._forget
-        logging.getLogger("uvicorn.error").addFilter(_told)
+        logging.getLogger("uvicorn.error").addFilter(_is_fault)
         self._thread: threading.Thread | None = None
 
     def address(self) -> str:

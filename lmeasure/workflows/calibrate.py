@@ -337,7 +337,7 @@ def run_check_instrument(settings: CheckInstrumentSettings, progress: Progress =
         message("check_line.stop", name=name, s=begin) for name, begin in zip(found.stops.names, found.stops.begin_s, strict=True)
     )
     lines: list[str] = [message("workflows.stops", stops=stops)]
-    lines += [_told(c, failed=c in found.failed) for c in found.closures]
+    lines += [_closure_line(c, failed=c in found.failed) for c in found.closures]
     if found.agreement is not None:
         reported = found.agreement
         code = "check_line.disagree" if found.disagrees else "check_line.agree"
@@ -366,7 +366,7 @@ def _series(every: "tuple[Closure, ...]") -> "dict[tuple[str, str], Series]":
     return {("closure_mm", kind): Series(values[:, 0], values[:, 1]) for kind, values in mm.items()}
 
 
-def _told(closure: "Closure", *, failed: bool) -> str:
+def _closure_line(closure: "Closure", *, failed: bool) -> str:
     value = round(closure.value_mm, 4) + 0.0  # nothing has no sign
     values = {"value": value, "u95": closure.u95_mm, "p": closure.probability}
     code = "check_line.closure_off" if failed else "check_line.closure"

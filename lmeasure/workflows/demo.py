@@ -69,7 +69,7 @@ def run_demo(settings: DemoSettings, progress: Progress = silent) -> Result:
             )
             figures |= {"mean_distance_before_mm": better.before_mm[0], "mean_distance_after_mm": better.after_mm[0]}
             figures |= {"improvement": better.factor, "improvement_at_least": better.factor_95[0], "noise_floor_mm": better.floor_mm}
-        said = _told([head, *rows], tested.remarks, tested.look, corrected)
+        said = _lines([head, *rows], tested.remarks, tested.look, corrected)
         page = tested.look[0] if tested.look[0].suffix == ".html" else None
         return Result(tested, said, figures, tested.remarks, tested.look, page=page)
     from lmeasure.demo import demo
@@ -85,7 +85,9 @@ def run_demo(settings: DemoSettings, progress: Progress = silent) -> Result:
     return Result(shown, lines, found, shown.remarks, shown.look, page=shown.look[0])
 
 
-def _told(rows: Sequence[tuple[str, ...]], remarks: tuple[str, ...], look: tuple[Path, ...], more: tuple[str, ...] = ()) -> tuple[str, ...]:
+def _lines(
+    rows: Sequence[tuple[str, ...]], remarks: tuple[str, ...], look: tuple[Path, ...], more: tuple[str, ...] = ()
+) -> tuple[str, ...]:
     """Return the table, more lines, remarks, and the files to look at."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     table = []

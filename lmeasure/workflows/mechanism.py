@@ -96,7 +96,7 @@ def run_mechanism(settings: MechanismSettings, progress: Progress = silent) -> R
     except GeometryError as error:
         raise SettingsError("position_mm" if settings.x is None else "x", reason(error)) from None
     progress(0.9, "mechanism")
-    lines = _told(record, grid)
+    lines = _result_lines(record, grid)
     if settings.matrices:
         lines += [
             message("mechanism_line.matrix", name=name, values=tuple(settled(v) for v in row))
@@ -198,7 +198,7 @@ def _enumerated(file: "ParallelFile", out: Path, reached: "tuple[FloatArray, Flo
     return message("workflows.poses_enumerated", count=len(poses), file=out)
 
 
-def _told(record: dict[str, Any], grid: "Grid | None") -> list[str]:
+def _result_lines(record: dict[str, Any], grid: "Grid | None") -> list[str]:
     lines: list[str] = [
         message("mechanism_line.freedoms", name=record["name"], freedoms=record["freedoms"], parameters=record["parameters"])
     ]

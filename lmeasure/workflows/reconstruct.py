@@ -325,7 +325,7 @@ class ImportSettings(Writing):
     rerun: Annotated[Recording | None, RERUN] = None
 
     @model_validator(mode="after")
-    def _says_whose_counters(self) -> Self:
+    def _check_rig_and_out(self) -> Self:
         if not self.scan and self.rig is None:
             raise SettingsError("rig", message("error.is_missing_without_one", logs=pasted(self.logs[0])))
         if not self.scan and self.out is None:

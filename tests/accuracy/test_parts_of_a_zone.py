@@ -178,9 +178,9 @@ def test_what_is_covered_is_said() -> None:
     stated = changed(exact, {"u_run_out_mm": 0.02})
     text = covers(stated, None)
     assert text.startswith("counts of +-1/2 and the uncertainty of")
-    assert text.endswith(f"{since}; the rig has no linked calibration")
+    assert text.endswith(f"{since}. The rig has no linked calibration")
     both = covers(stated, linked)
-    assert both == text.removesuffix(f"{since}; the rig has no linked calibration") + f" and the linked calibration's covariance{since}"
+    assert both == text.removesuffix(f"{since}. The rig has no linked calibration") + f" and the linked calibration's covariance{since}"
     for u_deg, how in ((0.01, ""), (0.1, ", to first order")):
         swivel = {"point": "B1", "channel": "sw1", "counts_per_revolution": 4096, "zero_deg": 1.0, "u_zero_deg": u_deg}
         rig = rig_from_dict(exact.to_dict() | {"swivel": [swivel]})

@@ -111,13 +111,17 @@ def test_this_program_can_produce_the_sync(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("settings", "rig", "complaint"),
     [
-        ({}, rig_of(channels=[BOTH[0], BOTH[1] | {"node": 8}]), "node 8 .channel ch2. does not answer; on the bus: 5, 9"),
+        ({}, rig_of(channels=[BOTH[0], BOTH[1] | {"node": 8}]), "node 8 .channel ch2. does not answer .on the bus: 5, 9."),
         ({"device_type": 0x191}, rig_of(), "its device profile is 401, not that of encoders, 406"),
         ({"units": 4096}, rig_of(), "counts 4096 per revolution .6001h., but the rig states 6000"),
         ({"range": 65536}, rig_of(channels=[BOTH[0] | {"range": 36000}, BOTH[1]]), "range is 65536 units"),
         ({"range": 36000}, rig_of({"counter_bits": 16}), "counts 36000 counts, but its drum states counter_bits = 16"),
         ({"sync_id": 0x85}, rig_of(), "listens to SYNC 0x85 .1005h., but the rig states sync_id = 0x80"),
-        ({"sync_type": 254}, rig_of(), "no transmit PDO sends its position after each SYNC; it is in TPDO1 of type 254, TPDO2 of type 254"),
+        (
+            {"sync_type": 254},
+            rig_of(),
+            "no transmit PDO sends its position after each SYNC .it is in TPDO1 of type 254, TPDO2 of type 254.",
+        ),
         ({}, rig_of(timing="free"), "its timer is off .6200h"),
         ({}, rig_of(channels=[BOTH[0] | {"cob_id": 0x185}, BOTH[1]]), "in 0x285, bit 0, 32 bits, but the rig states cob_id = 0x185"),
         (
@@ -239,7 +243,7 @@ def test_a_data_sheet_says_where_the_counts_are(tmp_path: Path) -> None:
         ("no data sheet", r"is no EDS file"),
         (
             EDS.replace("0x60040020", "0x60300010"),
-            "no transmit PDO sends its position after each SYNC; no valid one has 6004h or 6008h mapped",
+            "no transmit PDO sends its position after each SYNC .no valid one has 6004h or 6008h mapped.",
         ),
         (EDS.replace("0x60040020", "nonsense"), "has no object 1A01h:2|is no EDS file"),
     ],

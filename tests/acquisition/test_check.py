@@ -144,7 +144,7 @@ def test_a_rig_that_is_wired_right_passes() -> None:
         ({"turns": False, "trembling": 1}, ["channel ch2: moves by 10 counts while at rest"]),
     ],
 )
-def test_each_wrong_wiring_is_told(faults: dict[str, Any], reported: list[str]) -> None:
+def test_each_wrong_wiring_is_reported(faults: dict[str, Any], reported: list[str]) -> None:
     """Of two cables; exchanged signs are below, where a person is walked through it."""
     lines = run(two_cables(), **faults).all_faults
     assert len(lines) == len(reported)
@@ -292,7 +292,7 @@ def with_encoders(**swivel: Any) -> Rig:
         ),
     ],
 )
-def test_encoders_are_turned_and_told(faults: dict[str, Any], reported: list[str], corrected_to: list[str]) -> None:
+def test_encoders_are_turned_and_reported(faults: dict[str, Any], reported: list[str], corrected_to: list[str]) -> None:
     """Codes that stand next to their end, and pulleys that turn a little while their cables are pulled."""
     rig = with_encoders(**{key: faults[key] for key in ("count_sign",) if key in faults})
     bench = Bench(rig, **faults)

@@ -153,7 +153,7 @@ def test_a_cut_log_says_that_it_ended_early(tmp_path: Path) -> None:
         (4.9, ""),
     ],
 )
-def test_two_recordings_in_one_log_are_told(tmp_path: Path, later_s: float, reported: str) -> None:
+def test_two_recordings_in_one_log_are_reported(tmp_path: Path, later_s: float, reported: str) -> None:
     first, then = counter_log(60, 3), counter_log(60, 3)
     for m in then:
         m.timestamp += later_s if later_s > 0.0 else 0.04

@@ -139,7 +139,7 @@ def test_channels_on_their_own_timers_meet_at_one_instant() -> None:
     assert counts.u_time_s.max() < 1e-9
 
 
-def test_the_jitter_of_the_stamps_is_told() -> None:
+def test_the_jitter_of_the_stamps_is_reported() -> None:
     rig = free_rig()
     frames, _ = free_frames(rig, jitter_s=3e-4)
     counts = counts_from_frames(rig, [frames], counter_fields(rig)).counts
@@ -170,7 +170,7 @@ def test_a_stuck_channel_by_its_own_timer_has_no_frames_either() -> None:
 
 
 @pytest.mark.parametrize("tick_s", [0.004, 0.016, 0.020])
-def test_timers_behind_a_serial_adapter_make_no_jumps_and_their_uncertainty_is_told(tick_s: float) -> None:
+def test_timers_behind_a_serial_adapter_make_no_jumps_and_their_uncertainty_is_reported(tick_s: float) -> None:
     """Encoders that send every 10 ms, given over every 16 ms: most intervals are 0.02 or 16 ms, whose median deviation is nothing."""
     rig = free_rig()
     frames, _ = free_frames(rig)

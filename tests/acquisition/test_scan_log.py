@@ -57,7 +57,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_dialect_and_what_its_times_are_is_told(log: Path, tmp_path: Path) -> None:
+def test_the_dialect_and_what_its_times_are_is_reported(log: Path, tmp_path: Path) -> None:
     scan = scan_log(log)
     assert scan.lines()[0].endswith(f"s, candump -L file, {scan.times}")
     screen = tmp_path / "seen.txt"

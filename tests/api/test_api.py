@@ -74,7 +74,7 @@ def test_what_is_no_option_or_no_such_object_is_named() -> None:
         (np.array([[0.0, 0, 0, 0, 0, 0, 1], [0.0, 0, 0, 0.6, 0, 0, 0.9]]), "pose 2: its quaternion is not of length 1 but 1.08"),
     ],
 )
-def test_lengths_of_what_are_no_poses_are_not_told(poses: Any, reported: str) -> None:
+def test_lengths_of_what_are_no_poses_are_not_reported(poses: Any, reported: str) -> None:
     with pytest.raises(LMeasureError, match=reported):
         lm.span_lengths(lm.read_rig(CELL / "rig.toml"), poses)
 

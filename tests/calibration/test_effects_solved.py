@@ -65,7 +65,7 @@ def test_what_a_machine_has_is_found_and_taken_off_runs_from_elsewhere(
     assert drum_variance(found.rig, found.record, path[:, :3], Rotation.identity(1), start=path[0]).max() < 0.06**2
 
 
-def test_what_guides_and_points_make_up_for_is_said_to_be_not_told() -> None:
+def test_what_guides_and_points_make_up_for_is_said_to_be_undetermined() -> None:
     found = calibrated(machine({"swivel_offset_mm": 0.4, "swivel_tilt_deg": (0.3, 0.2)}, {}), ("offset:B2", "tilt:B2"))
     assert [e.effect for e in found.record.effects] == ["offset", "tilt"]
     assert not any(e.found or e.bits >= 1.0 for e in found.record.effects)

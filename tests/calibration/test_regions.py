@@ -90,7 +90,7 @@ def test_noise_level_from_few_residuals_widens() -> None:
 
 
 @pytest.mark.parametrize(("seed", "bent"), [(3, False), (23, True)])
-def test_a_bend_of_three_standard_uncertainties_is_told(seed: int, bent: bool) -> None:
+def test_a_bend_of_three_standard_uncertainties_is_reported(seed: int, bent: bool) -> None:
     """From where the truth strays ten times the linear variance; with 2.8 nothing is said, with 3.4 it is."""
     drawn = draw(1_000_000 + seed, poses=6 + seed % 5)
     bend = regions(fitted(drawn)[1], 0).bend

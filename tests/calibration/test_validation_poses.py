@@ -51,7 +51,7 @@ def test_spectrum_counts_the_rank() -> None:
     assert all(d["left"] > 1 for d in record.spectrum if not d["known"])
 
 
-def test_the_priors_share_of_lengths_is_told() -> None:
+def test_the_priors_share_of_lengths_is_reported() -> None:
     warning = next(w for w in calibrate(draw(0, poses=5).campaign).record.warnings if w.code == "underdetermined")
     assert "so their nominal values are used (effect on lengths:" in warning.text
 

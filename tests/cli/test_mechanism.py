@@ -277,7 +277,7 @@ def test_what_cannot_be_studied_is_said_in_one_line(tmp_path: Path) -> None:
     assert "is of kind 'hexapod'" in refused("mechanism", "gough")
     assert "works only with --x, --y and --z" in refused("mechanism", "rotopod", "--drives", "5")
     box = ("--x", "0:1:1", "--y", "0:1:1", "--z", "960:961:1")
-    assert "so is --tilt-deg" in refused("mechanism", "rotopod", *box, "--tilt-deg", "1", "--tilt-rad", "0.01")
+    assert "is given together with --tilt-deg" in refused("mechanism", "rotopod", *box, "--tilt-deg", "1", "--tilt-rad", "0.01")
     assert "give all three for a workspace" in refused("mechanism", "rotopod", "--x", "0:1:0.5")
     assert "is not a shipped robot" in refused("mechanism", "rotopode")
     assert "works only with --joints" in refused("mechanism", "rotopod", "--poses", tmp_path / "p.csv")

@@ -61,7 +61,7 @@ def test_the_example_of_4_1_is_written(run, tmp_path: Path) -> None:  # type: ig
     assert "8 real assembly modes, 8 with complex ones of 8: all accounted for" in out
 
 
-def test_without_lengths_or_a_pose_only_the_structure_is_told(run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_without_lengths_or_a_pose_only_the_structure_is_reported(run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     (tmp_path / "s.toml").write_text(text(LINKS, lengths=False))
     assert run("s.toml", "--out", "s.json")[0] == 0
     assert not {"assemblies", "status", "determinant"} & set(json.loads((tmp_path / "s.json").read_text()))

@@ -86,7 +86,7 @@ def test_rounding_is_no_bend_and_is_not_made_larger() -> None:
 
 
 @pytest.mark.parametrize("part", [0.25, 0.5])
-def test_what_a_straight_line_misses_is_told(part: float) -> None:
+def test_what_a_straight_line_misses_is_reported(part: float) -> None:
     """Steps of a motion that comes on at once are read straight; the true miss is about what is told."""
     time_s = np.arange(40.0)
     at_s = time_s[:-1] + part

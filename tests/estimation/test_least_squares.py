@@ -228,7 +228,7 @@ def test_a_block_that_is_not_told_is_named() -> None:
         fit(blind, blind.start, prior_everywhere=True)
 
 
-def test_what_others_count_from_is_named_where_it_is_not_told() -> None:
+def test_what_others_count_from_is_named_where_it_is_undetermined() -> None:
     """One station counts from a target that no other sees: from wherever on a circle about itself."""
     sound = plane(1, since_first=True, firsts=2)
     seen = sound.nominal.seen.copy()

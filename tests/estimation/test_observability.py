@@ -37,7 +37,7 @@ def test_the_largest_part_of_an_owners_direction_is_positive() -> None:
         assert abs(found.weight[0] * np.sin(angle) - found.weight[1] * np.cos(angle)) < 1e-12
 
 
-def test_small_parts_of_others_are_not_told() -> None:
+def test_small_parts_of_others_are_not_reported() -> None:
     direction = np.array([[0.0, 0.0, np.sqrt(0.48), np.sqrt(0.48), 0.2]])
     (found,) = by_owner(PARAMETERS, direction)
     assert (found.owner, found.alone) == ("b", True)
@@ -65,7 +65,7 @@ def test_owners_are_told_in_the_order_of_their_parameters() -> None:
     assert [d.owner for d in by_owner(PARAMETERS, silent)] == [first, last]
 
 
-def test_an_owner_with_a_third_of_a_direction_is_told() -> None:
+def test_an_owner_with_a_third_of_a_direction_is_reported() -> None:
     part = np.sqrt((1.0 - 0.35**2) / 2.0)
     (found,) = by_owner(PARAMETERS, np.array([[part, 0.0, part, 0.0, 0.35]]))
     assert {owner for owner, _ in found.parts(PARAMETERS)} == {"a", "b", "c"}

@@ -16,12 +16,12 @@ GROUPS = np.repeat(np.arange(10), 3)
 X = np.linspace(-1.0, 1.0, 30) ** 3
 OWN = 0.002 * (1.0 + GROUPS)
 """Variances of the groups' readings beside 0.1^2."""
-OFF, UNTOLD = 3, 9
+OFF, UNDETERMINED = 3, 9
 
 
 def shifts(group: int) -> FloatArray:
     """A group's readings are shifted and tilted, but for the last, which shifts everything: nobody can contradict that."""
-    return np.ones((30, 1)) if group == UNTOLD else np.where(GROUPS[:, None] == group, np.vander(X - X[3 * group], 2), 0.0)
+    return np.ones((30, 1)) if group == UNDETERMINED else np.where(GROUPS[:, None] == group, np.vander(X - X[3 * group], 2), 0.0)
 
 
 def groups(*, members: int = 1) -> list[Group]:
@@ -64,14 +64,14 @@ def test_weights_are_those_of_what_the_others_say(noise: float, members: int) ->
     begun, weighted, requested = line(noise)
     problem, found, weights = robust_fit(fit(begun, begun.start), groups(members=members), weighted)
     variance = next(v for v in reversed(requested) if np.array_equal(weighted(v).covariance(found.theta), problem.covariance(found.theta)))
-    z = np.array([deviate(problem, variance, g) for g in range(UNTOLD)])
-    every = np.repeat(z, [members if g == 7 else 1 for g in range(UNTOLD)])
+    z = np.array([deviate(problem, variance, g) for g in range(UNDETERMINED)])
+    every = np.repeat(z, [members if g == 7 else 1 for g in range(UNDETERMINED)])
     scale = max(1.0, float(np.median(every)) / 0.6744897501960817)
     assert weights.scale == pytest.approx(scale, abs=0.0 if noise < 1 else 5e-3)
     assert (weights.scale == 1.0) == (noise < 1)
     expected = np.r_[(1.0 - np.minimum(z / scale / 4.685, 1.0) ** 2) ** 2, 1.0]
     np.testing.assert_allclose(weights.weight, expected, atol=3e-3)
-    assert weights.weight[UNTOLD] == 1.0
+    assert weights.weight[UNDETERMINED] == 1.0
     assert 0.01 < weights.weight[OFF] < 0.8
     # what has no rows of its own errs as all do in the mean
     stated = np.r_[[0.1**2 + 0.002 * (1.0 + g) for g in range(9)], 0.1**2 + OWN.mean()]
@@ -87,7 +87,7 @@ def test_it_ends_when_weights_are_settled() -> None:
 
 def test_where_nobody_can_be_contradicted_all_are_believed() -> None:
     begun, weighted, _ = line(2.5)
-    everything = [Group(shifts(UNTOLD), np.arange(30)), Group(np.zeros((30, 0)), np.arange(3))]
+    everything = [Group(shifts(UNDETERMINED), np.arange(30)), Group(np.zeros((30, 0)), np.arange(3))]
     _, found, weights = robust_fit(fit(begun, begun.start), everything, lambda variance: weighted(np.zeros(10)))
     assert (weights.scale, weights.weight.tolist()) == (1.0, [1.0, 1.0])
     np.testing.assert_allclose(found.theta, fit(begun, begun.start).theta, atol=1e-9)

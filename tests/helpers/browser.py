@@ -57,11 +57,11 @@ class Page:
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Answer of one protocol command."""
-        reported = self._told(method, **parameters)
+        reported = self._answer(method, **parameters)
         assert "error" not in reported, reported
         return dict(reported["result"])
 
-    def _told(self, method: str, **parameters: Any) -> dict[str, Any]:
+    def _answer(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Answer or error of one protocol command; events that come before it are heard."""
         self._number += 1
         self._socket.send(json.dumps({"id": self._number, "method": method, "params": parameters, "sessionId": self._session}))
@@ -87,7 +87,7 @@ class Page:
     def evaluate(self, script: str) -> Any:
         """Value of a script in the page; one that is just leaving is asked again once the next is there."""
         end = time.monotonic() + PATIENCE_S
-        while "error" in (reported := self._told("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)):
+        while "error" in (reported := self._answer("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)):
             assert any(text in str(reported) for text in LEAVING), reported
             assert time.monotonic() < end, reported
             time.sleep(0.05)

@@ -111,7 +111,7 @@ class Person:
     """Does in the cell what commands ask in English."""
 
     def __init__(self, cell: IO[str], reported: IO[str]) -> None:
-        self._cell, self._told, self._asked = cell, reported, 0
+        self._cell, self._reports, self._asked = cell, reported, 0
 
     def do(self, text: str) -> None:
         """What a step of `lmeasure check` asks, or a line of `lmeasure capture` that names a pose."""
@@ -130,7 +130,7 @@ class Person:
     def done(self) -> None:
         """Wait until all that was asked is done: on a machine that is busy, the cell takes its time."""
         while self._asked:
-            assert self._told.readline() == "done\n"
+            assert self._reports.readline() == "done\n"
             self._asked -= 1
 
     def _tell(self, what: str, name: str) -> None:

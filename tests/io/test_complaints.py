@@ -96,7 +96,7 @@ class Whole(Strict):
     part: tuple[Part, ...]
 
 
-def test_of_very_many_complaints_the_first_are_told(tmp_path: Path) -> None:
+def test_of_very_many_complaints_the_first_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "parts.toml"
     path.write_text("".join(f"[[part]]\nsize = '{i}'\n" for i in range(70)))
     with pytest.raises(FileFormatError) as caught:

@@ -36,7 +36,7 @@ def test_a_line_with_known_deviations() -> None:
 
 
 @pytest.mark.parametrize(("lost_mm", "reported"), [(0.0, False), (4.0, False), (12.0, False), (40.0, True)])
-def test_a_part_of_the_way_without_samples_is_told(lost_mm: float, *, reported: bool) -> None:
+def test_a_part_of_the_way_without_samples_is_reported(lost_mm: float, *, reported: bool) -> None:
     # planes stand 5 mm apart, samples 0.5 mm; in the second cycle samples are missing from 200 mm on
     way = np.arange(-5.0, 505.0, 0.5)
     ideal = way[:, None] * np.array([0.6, 0.8, 0.0])

@@ -169,7 +169,7 @@ def test_positions_alone_are_certified_in_their_own_frame(folder: Path) -> None:
             assert results["seen"][key] == (pytest.approx(value, abs=1e-3), pytest.approx(u95, rel=0.4)), key
 
 
-def test_the_pace_of_a_run_is_told(folder: Path) -> None:
+def test_the_pace_of_a_run_is_reported(folder: Path) -> None:
     t, p, rests = robot(slower=3.0)
     program, said = driven(folder, t, p)
     right(program, rests, within_s=0.5)

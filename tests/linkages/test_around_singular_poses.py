@@ -93,7 +93,7 @@ def test_second_rates_are_second_differences_of_the_determinant(seed: int) -> No
 
 
 @pytest.mark.parametrize("size_mm", [None, 260.0])
-def test_around_a_singular_pose_its_surface_bends_as_is_told(size_mm: float | None) -> None:
+def test_around_a_singular_pose_its_surface_bends_as_is_reported(size_mm: float | None) -> None:
     base, body, pose = mechanism(3, pairs_on_a_line=1)
     found = singularity.neighbourhood(base, body, pose, size_mm)
     size = singularity.rim_mm(body) if size_mm is None else size_mm
@@ -112,7 +112,7 @@ def test_around_a_singular_pose_its_surface_bends_as_is_told(size_mm: float | No
 
 
 @pytest.mark.parametrize("size_mm", [None, 260.0])
-def test_where_the_gradient_vanishes_the_determinant_bends_as_is_told(size_mm: float | None) -> None:
+def test_where_the_gradient_vanishes_the_determinant_bends_as_is_reported(size_mm: float | None) -> None:
     base, body, pose = mechanism(8, pairs_on_a_line=2)
     found = singularity.neighbourhood(base, body, pose, size_mm)
     size = singularity.rim_mm(body) if size_mm is None else size_mm

@@ -362,7 +362,7 @@ def test_the_nearest_pose_keeps_every_limit_by_the_margin() -> None:
     ],
     ids=["contradiction", "no slope", "not known", "not known beside it", "nowhere"],
 )
-def test_limits_that_no_pose_keeps_are_told(kept: tuple[Limit, ...]) -> None:
+def test_limits_that_no_pose_keeps_are_reported(kept: tuple[Limit, ...]) -> None:
     with pytest.raises(StructureError, match="no pose near the commanded one keeps the limits"):
         nearest_pose(limits(*kept), HERE)
 

@@ -211,7 +211,7 @@ def test_markers_of_a_robot_at_its_rests(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("NO_OF_FRAMES\t1\nFREQUENCY\t10\n1\t2\t3\n", "has no MARKER_NAMES"),
-        ("NO_OF_FRAMES\t1\nFREQUENCY\t10\nDATA_INCLUDED\t6D\nMARKER_NAMES\tA\tB\tC\n", "Export the markers' places"),
+        ("NO_OF_FRAMES\t1\nFREQUENCY\t10\nDATA_INCLUDED\t6D\nMARKER_NAMES\tA\tB\tC\n", "Export the positions of the markers"),
         ("NO_OF_FRAMES\t1\nMARKER_NAMES\tA\tB\tC\n" + "1\t" * 8 + "1\n", "neither columns Frame and Time nor a FREQUENCY"),
         ("NO_OF_FRAMES\t1\nFREQUENCY\t10\nMARKER_NAMES\tA\tB\tC\n" + "1\t" * 8 + "x\n", "line 4: 'x' is no number"),
         ("NO_OF_FRAMES\t1\nFREQUENCY\t10\nMARKER_NAMES\tA\tB\tC\n" + "1\t" * 9 + "1\n", "line 4: has 10 cells, but 3 markers need 9"),

@@ -256,7 +256,7 @@ def test_few_samples_of_a_rig_of_kilometres_end_where_rounding_ends_them() -> No
     np.testing.assert_allclose(span_lengths(rows, found[0]) - zero, changes, atol=1e-7)
 
 
-def test_few_samples_are_not_sought_where_no_cable_can_run_nor_where_the_pose_is_not_told() -> None:
+def test_few_samples_are_not_sought_where_no_cable_can_run_nor_where_the_pose_is_undetermined() -> None:
     rows, u = rows_of(cables(3)), np.full(6, 0.01)
     zero = span_lengths(rows, HOME[None])[0]
     # an attachment point in the middle of a pulley

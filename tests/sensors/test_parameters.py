@@ -106,7 +106,7 @@ def test_priors_are_what_is_stated_then_what_is_usual() -> None:
     assert extra == {"B3.x_mm", "B3.y_mm", "B3.z_mm", "B3.scale", *(f"tool.P1.{a}_mm" for a in "xyz")}
 
 
-def test_what_there_is_not_is_told() -> None:
+def test_what_there_is_not_is_reported() -> None:
     rig = cell_rig(1)
     with pytest.raises(
         CalibrationError, match=r"^--solve: 'angle' is not one of position, guide, radius, .*pitch, run-out, eccentricity, .*tilt$"

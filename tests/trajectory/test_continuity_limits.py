@@ -170,7 +170,7 @@ def test_a_channel_that_runs_off_is_told_where_another_shows_the_tool_on_its_way
 
 
 @pytest.mark.parametrize("apart", [5, 6])
-def test_of_two_changes_of_speed_within_a_stretch_the_larger_is_told(apart: int) -> None:
+def test_of_two_changes_of_speed_within_a_stretch_the_larger_is_reported(apart: int) -> None:
     """Of two farther apart the first, beside which the second is none of its own."""
     time_s, mm = going(50.0, 2000)
     for k, by in ((700, 80.0), (700 + apart, 88.0)):

@@ -152,7 +152,7 @@ def test_a_second_jump_minutes_later_proves_nothing_but_a_rest_does() -> None:
             assert any("it is back: no counts are lost" in note for note in map(str, trajectory.notes))
 
 
-def test_a_channel_that_stands_while_its_point_moves_is_told() -> None:
+def test_a_channel_that_stands_while_its_point_moves_is_reported() -> None:
     """From a rest on: no sudden stop shows it."""
     run = round_trip(cell())
     recorded = run.passes[0].recorded.copy()

@@ -182,7 +182,7 @@ def test_what_is_proved_right_proves_others() -> None:
     assert doubts.every == ()
 
 
-def test_of_many_notes_the_first_are_told() -> None:
+def test_of_many_notes_the_first_are_reported() -> None:
     doubts = doubts_of(cell(), found(*(at(j % 6, 1.0 + j) for j in range(15))), NO_RESTS)
     assert len(doubts.every) == 15
     assert len(doubts.notes) == 13

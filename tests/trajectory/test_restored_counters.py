@@ -82,7 +82,7 @@ def test_a_counter_goes_on_though_the_others_lose_the_way(
         ("ch3", 900, 40, 70, "has another origin after 1.299 s, which the other channels do not determine. It is not used from there"),
     ],
 )
-def test_a_counter_that_slips_and_then_steps_is_restored_only_where_its_origin_is_told(
+def test_a_counter_that_slips_and_then_steps_is_restored_only_where_its_origin_is_reported(
     channel: str, begin: int, size: int, stepped: int, determined: str
 ) -> None:
     run = read_run(AUTHORITY / "eight-run")

@@ -17,7 +17,7 @@ from lmeasure.recording import Run
 from lmeasure.rig import Rig, rig_from_dict
 from lmeasure.simulation import simulate_run
 from lmeasure.trajectory import NEAR_RAD, RunModel, covariances, reconstruct, reconstruction_of
-from lmeasure.trajectory.uncertainty.sources import LIGHT_RAD, variance_until_told
+from lmeasure.trajectory.uncertainty.sources import LIGHT_RAD, variance_until_determined
 
 TIME_S = np.arange(0.0, 1.5, 0.005)
 ROUGH: dict[str, Any] = {"zero_deg": 20.0, "u_zero_deg": 2.0}
@@ -162,13 +162,13 @@ def test_a_pose_that_readings_hardly_tell_is_uncertain_and_not_singular() -> Non
 def test_readings_weigh_as_their_zeros_are_known() -> None:
     """Six drums tell the pose: any zero may be as uncertain as it is. One that is known well weighs by its rounding alone."""
     zeros = np.array([0.0] * 6 + [0.9 * NEAR_RAD, 0.02, 1.8])
-    np.testing.assert_allclose(np.sqrt(variance_until_told(zeros, 6)), [0.0] * 7 + [0.02, 1.8], rtol=1e-12)
+    np.testing.assert_allclose(np.sqrt(variance_until_determined(zeros, 6)), [0.0] * 7 + [0.02, 1.8], rtol=1e-12)
 
 
 def test_zeros_that_poses_need_weigh_enough_to_tell_them() -> None:
     """Four drums, and the pose needs two of four angles: the second best weighs as one known to LIGHT_RAD, the others in proportion."""
     zeros = np.array([0.0] * 4 + [0.01, 0.02, 0.04, 1.8])
-    np.testing.assert_allclose(np.sqrt(variance_until_told(zeros, 6))[4:], zeros[4:] * LIGHT_RAD / 0.02, rtol=1e-12)
+    np.testing.assert_allclose(np.sqrt(variance_until_determined(zeros, 6))[4:], zeros[4:] * LIGHT_RAD / 0.02, rtol=1e-12)
     # what is better known than that is not made worse
     zeros = np.array([0.0] * 4 + [0.5 * LIGHT_RAD] * 2 + [1.8])
-    np.testing.assert_allclose(np.sqrt(variance_until_told(zeros, 6)), zeros, rtol=1e-12)
+    np.testing.assert_allclose(np.sqrt(variance_until_determined(zeros, 6)), zeros, rtol=1e-12)

@@ -79,7 +79,7 @@ def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
     if improbable(state.fit) and not any(w.code == "moved" for w in findings):
         findings += _contradictions(state.problem, state.fit)
     begun, state = state, explained(state, alternatives)
-    return replace(_covered(state, [*findings, *_told(state, begun)], _rms(begun.fit)), sized=sized)
+    return replace(_covered(state, [*findings, *_findings_of_applied(state, begun)], _rms(begun.fit)), sized=sized)
 
 
 def _drawn(model: Model) -> BoolArray:
@@ -157,7 +157,7 @@ def _moved(sized: Sized) -> list[Finding]:
     return [Finding(code="moved", channel=one.channel, pose=one.pose, value=one.shift_mm, text=text)]
 
 
-def _told(state: State[Model], begun: State[Model]) -> list[Finding]:
+def _findings_of_applied(state: State[Model], begun: State[Model]) -> list[Finding]:
     """Report the applied explanations."""
     rms, out = _rms(begun.fit), []
     for group in state.groups:

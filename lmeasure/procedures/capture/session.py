@@ -119,7 +119,7 @@ class Trust:
         """Trust the counters from here on."""
         self.resumed, self.doubts = False, {}
 
-    def held_against(self, mean: FloatArray, readings: list[Reading]) -> tuple[str, str]:
+    def compare(self, mean: FloatArray, readings: list[Reading]) -> tuple[str, str]:
         """Compare mean counts (m,) of a rest with the readings: return the pose with the same counts, or the reason why there is none."""
         mm = lengths_of_counts(self.rig, self.channels, self.passage)
         limit = np.where(mm > 0.0, np.maximum(KEPT_COUNTS, KEPT_MM / np.where(mm > 0.0, mm, 1.0)), KEPT_COUNTS)
@@ -460,7 +460,7 @@ class Session:
             self._refuse(self._unfit())
             return
         mean = np.nanmean(dwell, axis=0)
-        pose, why = self.trust.held_against(mean, self.folder.of_pass)
+        pose, why = self.trust.compare(mean, self.folder.of_pass)
         if not pose:
             self._refuse(why)
             return

@@ -78,7 +78,7 @@ class Allowed:
         if isinstance(self.zone, Rig):
             cables = tuple(c for c in self.zone.cable if c.passage == 1)
             usable = Usable(self.zone, cables, Limits(), seen[0])
-            return np.asarray(good & usable(seen) & self._told(self.zone.cable_rows(cables), seen))
+            return np.asarray(good & usable(seen) & self._determined(self.zone.cable_rows(cables), seen))
         return good & _in_zone(self.zone, seen)
 
     def _regular(self, robot: Parallel, joints: FloatArray) -> BoolArray:
@@ -93,7 +93,7 @@ class Allowed:
         near[there] = nearness(robot.jacobians(poses[there], drives[there]).output, robot.units)
         return np.asarray((near.reshape(ON_THE_WAY, -1) >= self.regular * near[0]).all(axis=0))
 
-    def _told(self, cables: FloatArray, seen: FloatArray) -> BoolArray:
+    def _determined(self, cables: FloatArray, seen: FloatArray) -> BoolArray:
         """Return (N,) whether six cables determine target poses (N, 7) of a platform: on its home's side of the cables' singular poses."""
         if not isinstance(self.robot, Parallel | Platform) or len(cables) != EQUATIONS:
             return np.ones(len(seen), np.bool_)

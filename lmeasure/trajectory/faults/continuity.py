@@ -266,7 +266,7 @@ class StandingFinder:
         # determined
         self._last, self._last_s, self._since = np.full(m, np.nan), np.full(m, np.nan), np.full(m, np.nan)
         self._low, self._high = np.full((m, m), np.inf), np.full((m, m), -np.inf)
-        self._told, self._way = np.zeros(m, np.bool_), np.zeros(m)
+        self._reported, self._way = np.zeros(m, np.bool_), np.zeros(m)
         self._found: list[StuckCounter] = []
 
     def add(self, time_s: FloatArray, mm: FloatArray) -> None:
@@ -298,17 +298,17 @@ class StandingFinder:
         for number in np.flatnonzero(lasting).tolist():
             begin, end = int(edges[number]), int(edges[number + 1])
             if number:
-                self._since[j], self._told[j] = time_s[begin], False
+                self._since[j], self._reported[j] = time_s[begin], False
                 self._low[j], self._high[j] = np.inf, -np.inf
             if end > begin:
                 self._go_on(j, time_s[begin:end], gone[begin:end])
-            if self._told[j] and end < len(time_s):
+            if self._reported[j] and end < len(time_s):
                 k = max(i for i, stood in enumerate(self._found) if stood.cable == j)
                 # its last sample at rest may be in the previous piece
                 self._found[k] = replace(self._found[k], until_s=float(time_s[end - 1] if end else self._last_s[j]))
 
     def _go_on(self, j: int, time_s: FloatArray, mm: FloatArray) -> None:
-        if self._told[j]:
+        if self._reported[j]:
             return
         self._low[j] = np.fmin(self._low[j], np.fmin.reduce(mm, axis=0))
         self._high[j] = np.fmax(self._high[j], np.fmax.reduce(mm, axis=0))
@@ -318,7 +318,7 @@ class StandingFinder:
         self._since[j] = since
         long = time_s[-1] - since >= STANDS_S
         if long and far[self._together[j]].max() > STANDS_MM and (far > MOVES_MM).sum() >= MOVING:
-            self._told[j] = True
+            self._reported[j] = True
             self._found.append(StuckCounter(j, since, np.inf))
 
     def found(self) -> tuple[StuckCounter, ...]:

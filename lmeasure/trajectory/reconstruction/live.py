@@ -224,7 +224,7 @@ class LivePose:
             counts = counts_from_poses(self._rig, path, path[0], self._rig.observed)
         except LMeasureError:
             return
-        way = self._told_by(time_s, recorded_from_counts(self._rig, counts, self._rig.observed))[0]
+        way = self._channels_of(time_s, recorded_from_counts(self._rig, counts, self._rig.observed))[0]
         if way is not None:
             way.step(1.0, np.full(len(self.channels), np.nan))
 
@@ -300,9 +300,9 @@ class LivePose:
             self._learn_from(time_s, recorded)
 
     def _learn_from(self, time_s: FloatArray, recorded: FloatArray) -> None:
-        self._found = *self._told_by(time_s, recorded), len(time_s)
+        self._found = *self._channels_of(time_s, recorded), len(time_s)
 
-    def _told_by(self, time_s: FloatArray, recorded: FloatArray) -> tuple[AnyChannels | None, str]:
+    def _channels_of(self, time_s: FloatArray, recorded: FloatArray) -> tuple[AnyChannels | None, str]:
         """Return the way behind a beginning of the run that it determines, or the reason for none."""
         counts = Counts(time_s, self.channels, recorded, source="the run so far")
         try:

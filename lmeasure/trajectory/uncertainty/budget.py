@@ -37,7 +37,7 @@ from lmeasure.trajectory.uncertainty.sources import (
     second_order_variables,
     unknown_start,
     unknown_zeros,
-    variance_until_told,
+    variance_until_determined,
     zero_columns,
     zero_phase,
     zeros_of,
@@ -190,7 +190,7 @@ class Budget:
         self.scales, self.variance = rig.scales(observed), sensors.count_variance(rig, observed)
         self._before = length_variance(rig, observed)
         if scheme.redundancy:
-            self._before = self._before + variance_until_told(zeros_of(rig, calibration), len(scheme.free)) / angle_of(rig) ** 2
+            self._before = self._before + variance_until_determined(zeros_of(rig, calibration), len(scheme.free)) / angle_of(rig) ** 2
         rough = zero_columns(rig, calibration)[0]
         # without further information, pose errors far exceed their first-order part
         self._rough = rough[:, (rough * angle_of(rig)[:, None] > NEAR_RAD).any(axis=0)] if not scheme.redundancy else rough[:, :0]

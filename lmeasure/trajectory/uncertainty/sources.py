@@ -134,7 +134,7 @@ def angle_of(rig: Rig) -> FloatArray:
     return np.array([1.0 / ARM_MM if o.is_length else 1.0 for o in rig.observed])
 
 
-def variance_until_told(zeros: FloatArray, free: int) -> FloatArray:
+def variance_until_determined(zeros: FloatArray, free: int) -> FloatArray:
     """Return the (m,) variance [rad^2] of readings beyond their rounding until a run has determined the zeros, of standard uncertainties
     (m,) [rad]. A reading weighted by its rounding, but with the error of its zero, moves the pose away from that of the others, beyond
     first order. So it is weighted with its zero's uncertainty. If the others determine fewer than the free components (their number) of the
