@@ -89,7 +89,7 @@ def test_rests_in_order_by_time_and_with_some_missing(tmp_path: Path) -> None:
     lost = read_robot_measurements(there, table(tmp_path / "lost.csv", stranger, names=[*names[:6], "never", *names[6:]]), ROBOT, Stated())
     assert lost.rows.names == tuple(names)
     assert [of for code, of in codes(lost) if code == "unmatched"][2:] == ["never"]
-    assert {note.said.text("ru")[:3] for note in lost.notes} == {"ори", "ост", "для", "стр"}
+    assert {note.said.text("ru")[:3] for note in lost.notes} == {"ори", "ост", "стр"}
 
 
 def test_places_alone_ask_for_times_where_numbers_differ(tmp_path: Path) -> None:
