@@ -128,7 +128,7 @@ def test_a_trackers_own_names_and_units(folder: Path) -> None:
 def test_a_certificate_in_three_commands_from_a_trackers_own_frame(folder: Path) -> None:
     t, p, rests = robot()
     seen = np.asarray(TURNED.apply(p) + MOVED)
-    with pytest.raises(AssertionError, match="is the trajectory in another frame \\(--align\\)"):
+    with pytest.raises(AssertionError, match="Is the trajectory in another frame \\(--align\\)"):
         driven(folder, t, seen)
     quaternion = np.tile(TURNED.as_quat(), (len(t), 1))
     columns = {name: seen[:, k] for k, name in enumerate(("x_mm", "y_mm", "z_mm"))} | dict(
