@@ -18,7 +18,7 @@ from lmeasure.linkages import start_systems, structures
 from lmeasure.recording import read_run
 from lmeasure.report.structure_drawing import sheet
 from lmeasure.rig import Rig, rig_from_dict
-from lmeasure.robots import ParallelFile, any_shipped, drawn
+from lmeasure.robots import ParallelFile, any_shipped, mechanism_outline
 from lmeasure.sensors import changes_from_counts
 from lmeasure.trajectory import reconstruct
 
@@ -256,7 +256,7 @@ def draw_mechanisms() -> str:
     for number, (name, words) in enumerate(MECHANISMS.items()):
         file = any_shipped(name)
         assert isinstance(file, ParallelFile)
-        what = drawn(file, file.model.home)
+        what = mechanism_outline(file, file.model.home)
         # a body that has outgrown its rods is drawn by these
         strips = [(strip, kind) for kind in ("base", "arms", "legs") for strip in getattr(what, kind)] + [(what.platform, "platform")]
         flat = [(np.column_stack([strip @ right, -(strip @ up)]), kind) for strip, kind in strips]
