@@ -46,7 +46,7 @@ from lmeasure.kernels.zone import (
     WORST_START,
     WRAP,
 )
-from lmeasure.kernels.zone_linked import GRADIENT_ROWS, Linked, length_covariance
+from lmeasure.kernels.zone_linked import GRADIENT_ROWS, LENGTH, Linked, length_covariance
 from lmeasure.kernels.zone_redundant import NORMAL_ROWS, least_squares_twists
 from lmeasure.kernels.zone_rows import (  # fmt: skip
     CABLE_ROWS,
@@ -172,31 +172,43 @@ def _add_square(B: FloatArray, S: FloatArray, row: int, variance: float) -> None
 
 
 @inline
-def _add_product(B: FloatArray, S: FloatArray, T: FloatArray, row: int, L: FloatArray, share: float) -> None:
-    """Add share l (c d^T + d c^T) for two cables' columns c and d at `row` and the covariance l of their lengths."""
+def _add_scaled(Y: FloatArray, S: FloatArray, row: int, L: FloatArray, more: bool) -> None:
+    """Add l c for a cable's column c at `row` and the covariance l with another one to Y, which begins at nothing unless there are more."""
     for lane in range(LANES):
-        c, d = scale(share * L[lane], at(S, row, lane)), at(T, row, lane)
-        put(B, COVARIANCE, lane, add(at(B, COVARIANCE, lane), (2.0 * c[0] * d[0], 2.0 * c[1] * d[1], 2.0 * c[2] * d[2])))
-        mixed = (c[0] * d[1] + c[1] * d[0], c[0] * d[2] + c[2] * d[0], c[1] * d[2] + c[2] * d[1])
+        before = at(Y, 0, lane) if more else NOTHING
+        put(Y, 0, lane, add(before, scale(L[lane], at(S, row, lane))))
+
+
+@inline
+def _add_symmetric(B: FloatArray, S: FloatArray, row: int, L: FloatArray, Y: FloatArray, more: bool) -> None:
+    """Add c y^T + y c^T to the covariance for the cable's column c at `row`: y is half its variance l times c, and Y if there is more."""
+    for lane in range(LANES):
+        c, before = at(S, row, lane), at(Y, 0, lane) if more else NOTHING
+        y = add(before, scale(0.5 * L[lane], c))
+        put(B, COVARIANCE, lane, add(at(B, COVARIANCE, lane), (2.0 * c[0] * y[0], 2.0 * c[1] * y[1], 2.0 * c[2] * y[2])))
+        mixed = (c[0] * y[1] + c[1] * y[0], c[0] * y[2] + c[2] * y[0], c[1] * y[2] + c[2] * y[1])
         put(B, COVARIANCE + 3, lane, add(at(B, COVARIANCE + 3, lane), mixed))
 
 
 @inline
-def _radius(B: FloatArray, S: FloatArray, m: int, row: int, variance: FloatArray, L: FloatArray | None, worst: int) -> None:
-    """Largest 95 % radius of what the columns c_j at `row` make of the lengths' covariance: of their variances alone, or of L, its lower
-    triangle row by row, LANES each; total keeps what is not finite."""
+def _radius(B: FloatArray, S: FloatArray, m: int, row: int, variance: FloatArray, L: FloatArray, linked: Linked | None, worst: int) -> None:
+    """Largest 95 % radius of what the columns c_j at `row` make of the lengths' covariance: of their variances alone, or, linked, of L,
+    its lower triangle row by row, LANES each, and three rows of scratch; total keeps what is not finite."""
     for lane in range(LANES):
         put(B, COVARIANCE, lane, NOTHING)
         put(B, COVARIANCE + 3, lane, NOTHING)
-    if L is None:
+    if linked is None:
         for j in range(m):
             _add_square(B, S[j * CABLE_ROWS * LANES :], row, variance[j])
     else:
+        Y = L[m * (m + 1) // 2 * LANES :]
         for j in range(m):
-            first = j * (j + 1) // 2
-            for k in range(j + 1):
-                share = 0.5 if j == k else 1.0
-                _add_product(B, S[j * CABLE_ROWS * LANES :], S[k * CABLE_ROWS * LANES :], row, L[(first + k) * LANES :], share)
+            here, first, more = S[j * CABLE_ROWS * LANES :], j * (j + 1) // 2, False
+            for k in range(j):
+                if linked.tied[j, k]:
+                    _add_scaled(Y, S[k * CABLE_ROWS * LANES :], row, L[(first + k) * LANES :], more)
+                    more = True
+            _add_symmetric(B, here, row, L[(first + j) * LANES :], Y, more)
     for lane in range(LANES):
         xx, yy, zz = at(B, COVARIANCE, lane)
         xy, xz, yz = at(B, COVARIANCE + 3, lane)
@@ -252,7 +264,7 @@ def scan_lanes(
     B, S, N = np.empty(PLACE_ROWS * LANES), np.empty(m * CABLE_ROWS * LANES), np.empty(NORMAL_ROWS * LANES)
     L = None
     if linked is not None:
-        L, H = np.empty(m * (m + 1) // 2 * LANES), np.zeros(2 * m * GRADIENT_ROWS * LANES)
+        L, H = np.empty((m * (m + 1) // 2 + 3) * LANES), np.zeros((GRADIENT_ROWS + m * LENGTH) * LANES)
     for first in range(0, n, LANES):
         for lane in range(LANES):
             put(B, PLACE, lane, (positions[first + lane, 0], positions[first + lane, 1], positions[first + lane, 2]))
@@ -272,13 +284,13 @@ def scan_lanes(
                 _speed(B, S[j * CABLE_ROWS * LANES :], vec(a[j], 0))
             if linked is not None:
                 length_covariance(L, H, B, S, a, cables, variance, linked, turns[o])
-            _radius(B, S, m, MOVE, variance, L, WORST + U95_POSITION)
+            _radius(B, S, m, MOVE, variance, L, linked, WORST + U95_POSITION)
             if points.shape[1] > 0:
-                _radius(B, S, m, TURN, variance, L, WORST + U95_ROTATION)
+                _radius(B, S, m, TURN, variance, L, linked, WORST + U95_ROTATION)
                 for k in range(points.shape[1]):
                     for j in range(m):
                         _velocity(S[j * CABLE_ROWS * LANES :], vec(points[o, k], 0))
-                    _radius(B, S, m, VELOCITY, variance, L, WORST + U95_ATTACHMENT)
+                    _radius(B, S, m, VELOCITY, variance, L, linked, WORST + U95_ATTACHMENT)
             for k in range(pairs.shape[0]):
                 i, j = pairs[k]
                 apart = sub(vec(a[i], 0), vec(a[j], 0))

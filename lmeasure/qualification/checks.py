@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from lmeasure import api
 from lmeasure.certificate import canonical, environment, now, read_private_key, sign

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+import scipy
 from scipy.spatial.transform import Rotation
-from scipy.stats import qmc
 
 from lmeasure.core import BoolArray, FloatArray, IntArray, RobotError, se3
 from lmeasure.robots.model import Parameter, nearest_turns
@@ -309,7 +309,7 @@ def _newton(arm: SerialArm, pose: FloatArray, seed: int) -> FloatArray:
     """(k, n) where damped Newton steps from many starts have arrived, some of them twice."""
     scale = np.array([1.0, 1.0, 1.0, *(1.0 / reach_mm(arm),) * 3])
     unit = np.where(arm.sliding, reach_mm(arm), 1.0)
-    starts = qmc.Sobol(arm.axes_count, rng=np.random.default_rng(seed)).random(STARTS)
+    starts = scipy.stats.qmc.Sobol(arm.axes_count, rng=np.random.default_rng(seed)).random(STARTS)
     low = np.where(arm.sliding, arm.low, np.maximum(arm.low, -math.pi))
     high = np.where(arm.sliding, arm.high, np.minimum(arm.high, math.pi))
     joints = low + starts * (high - low)

@@ -85,20 +85,7 @@ class ZoneSettings(Writing):
 @workflow
 def run_zone(settings: ZoneSettings, progress: Progress = silent) -> Result:
     """Scan the box and write the zone, with its page, its recording and a compared program on request."""
-    from lmeasure.accuracy import (
-        Limits,
-        Scan,
-        advice,
-        box_around,
-        goes_on,
-        guard,
-        guard_columns,
-        map_zone,
-        read_bodies,
-        said as faults_said,
-        summary,
-        write_zone,
-    )
+    from lmeasure.accuracy import Limits, Scan, advice, box_around, goes_on, map_zone, read_bodies, said as faults_said, summary, write_zone
     from lmeasure.io import files
     from lmeasure.recording import read_program
     from lmeasure.rig import read_linked_rig
@@ -152,6 +139,8 @@ def run_zone(settings: ZoneSettings, progress: Progress = silent) -> Result:
         lines += advice(data, settings.rig)
     lines += [*faults_said(data), *(piece.line("z") for piece in followed), *said]
     if program is not None:
+        from lmeasure.accuracy import guard, guard_columns
+
         parts = guard(rig, calibration, data, program, rotation=rotations.mean())
         files.write_table(settings.out.with_suffix(".path.csv"), guard_columns(parts))
         lines += [part.line() for part in parts]

@@ -13,10 +13,10 @@ from cluster import two_workers
 from scipy.spatial.transform import Rotation
 from zone_rigs import cell, published
 
-from lmeasure.accuracy import axis, tilts
+from lmeasure.accuracy import axis, tilts, zone
 from lmeasure.accuracy.limits import Body
 from lmeasure.accuracy.scan import Plan, run
-from lmeasure.accuracy.zone import make_plan
+from lmeasure.accuracy.zone import fewest_directions, make_plan
 from lmeasure.core import AccuracyError, LMeasureError
 from lmeasure.kernels import ALPHA, ATTACHMENT_XYZ, BASE_XYZ, BETA, RADIUS, guide_direction, layout, wrap_geometry, zone as kernels
 from lmeasure.rig import Rig
@@ -166,6 +166,37 @@ def test_lanes_give_the_part_of_a_calibration_by_every_parameter(rig: Rig, rows:
     assert (fast[kernels.U95_POSITION] > run(replace(plan, factor=np.zeros((78, 0))))[0][kernels.U95_POSITION]).all()
     parts = run(replace(plan, nodes_per_chunk=32), workers=2)
     np.testing.assert_array_equal(parts[0], fast)
+
+
+@pytest.mark.parametrize("negligible", [1e-14, 1e-4])
+@pytest.mark.parametrize("few", [False, True], ids=["many", "few"])
+def test_directions_that_are_left_out_never_make_u95_smaller(monkeypatch: pytest.MonkeyPatch, negligible: float, few: bool) -> None:
+    monkeypatch.setattr(zone, "NEGLIGIBLE", negligible)
+    plan, random = plan_of(cell(0), 300.0, 150.0), np.random.default_rng(3)
+    spread = np.sqrt(plan.variance[0]) * 10.0 ** random.uniform(-10.0, 0.0, (6, 13, 30))
+    factor = spread * random.standard_normal((6, 13, 30))
+    factor[:, 5:9] *= 1e-12
+    plan = replace(plan, factor=factor.reshape(78, 30), positions=plan.positions[:2] if few else plan.positions)
+    fewer = fewest_directions(plan)
+    ranks = np.linalg.matrix_rank(fewer.factor.reshape(6, 13, 30), tol=1e-12 * np.abs(factor).max())
+    assert (ranks < 13).all()
+    dense, fast = run(plan)[0], run(fewer)[0]
+    m, between = 6, 4.0
+    most = np.sqrt(between * m * negligible)
+    for figure in (kernels.U95_POSITION, kernels.U95_ROTATION, kernels.U95_ATTACHMENT):
+        # the radius of a covariance is a polynomial's, to 5e-5 of it, and rises with the covariance but for that
+        grown = fast[figure] / dense[figure] - 1.0
+        assert (grown > -1e-11).all()
+        assert (grown <= 0.5 * (most + most**2) + 1e-11).all()
+    np.testing.assert_array_equal(
+        np.delete(fast, [kernels.U95_POSITION, kernels.U95_ROTATION, kernels.U95_ATTACHMENT], axis=0),
+        np.delete(dense, [kernels.U95_POSITION, kernels.U95_ROTATION, kernels.U95_ATTACHMENT], axis=0),
+    )
+
+
+def test_without_uncertain_parameters_nothing_is_left_out() -> None:
+    plan = plan_of(cell(0), 300.0, 150.0)
+    assert fewest_directions(plan) is plan
 
 
 def test_places_without_a_sound_first_block_are_left_to_the_pivoted_kernel() -> None:

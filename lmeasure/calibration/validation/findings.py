@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from lmeasure.calibration.campaign.campaign import Campaign
 from lmeasure.calibration.solve.dimensions import Dimensions

@@ -20,11 +20,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import scipy
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.optimize import minimize
 from scipy.spatial import Delaunay, QhullError
 from scipy.spatial.distance import cdist
-from scipy.stats import norm, t
 
 from lmeasure.accuracy import radii_95
 from lmeasure.core import MAX_LENGTH_MM, BoolArray, FileFormatError, FloatArray, RobotError, se3
@@ -112,7 +112,7 @@ class ErrorMap:
         u = self.place.at(poses)[1]
         variance = u**2 + self.place.noise**2
         freedom = max(len(self.poses) - 4, 1)
-        return np.asarray(float(t.ppf(0.975, freedom) / norm.ppf(0.975)) * radii_95(variance[:, None] * np.eye(3)))
+        return np.asarray(float(scipy.stats.t.ppf(0.975, freedom) / scipy.stats.norm.ppf(0.975)) * radii_95(variance[:, None] * np.eye(3)))
 
     def outside(self, pose: FloatArray) -> str:
         """Return why the map does not apply to a pose (7,); empty if it does."""

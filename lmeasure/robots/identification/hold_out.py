@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2, f, t
+import scipy
 
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.estimation import fall_test, scatter
@@ -173,7 +173,7 @@ def beyond(found: Identified[R]) -> Beyond:
     if not chances or min(chances) > math.log(FALSE / len(cuts)):
         return Beyond()
     moved = int((np.ptp(rows.joints, axis=0) > 0.0).sum())
-    factor = float(np.sqrt(max(factors)) * t.ppf(0.975, moved) / t.ppf(0.975, np.inf))
+    factor = float(np.sqrt(max(factors)) * scipy.stats.t.ppf(0.975, moved) / scipy.stats.t.ppf(0.975, np.inf))
     leverage = np.einsum("nip,nip->n", shift @ fit.covariance, shift)
     return Beyond(factor, float(np.quantile(leverage[rows.placed], MEASURED)), problem.width)
 
@@ -239,7 +239,7 @@ def worth_freeing(found: Identified[R]) -> list[Worth]:
         spare = fit.counted - fit.determined - (0 if freed else count)
         left = min(spare, fit.spare - (0 if freed else count))
         tested = fall_test(drop, count, rest * left / spare, left) if fit.problem.own_noise and spare > 0.0 else None
-        chance = float(chi2.sf(drop, count)) if tested is None else math.exp(tested[1])
+        chance = float(scipy.stats.chi2.sf(drop, count)) if tested is None else math.exp(tested[1])
         if fit.problem.several and not freed:
             rest_of = wide.residuals - jacobian[:, now] @ _step(jacobian[:, now], wide.residuals, prior[now])
             chance = max(chance, _by_stays(jacobian[:, of] / np.sqrt(prior[of]), jacobian[:, now], rest_of, stay, count=count))
@@ -337,7 +337,7 @@ def _by_stays(more: FloatArray, jacobian: FloatArray, residuals: FloatArray, sta
     if stays <= count:
         return 1.0
     square = float(total @ np.linalg.pinv(of.T @ of, hermitian=True) @ total)
-    return float(f.sf((stays - count) / count * square / max(stays - square, 1e-300), count, stays - count))
+    return float(scipy.stats.f.sf((stays - count) / count * square / max(stays - square, 1e-300), count, stays - count))
 
 
 def _determined(jacobian: FloatArray, prior: FloatArray, which: BoolArray) -> int:

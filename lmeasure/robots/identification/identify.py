@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Generic, Literal
 
 import numpy as np
-from scipy.stats import chi2, t
+import scipy
 
 from lmeasure.accuracy import radii_95
 from lmeasure.core import BoolArray, DataFrame, FloatArray, IntArray, RobotError, Shown, framed, se3, words_of
@@ -89,7 +89,7 @@ def _contradicted_stays(fit: Fit[R], rows: Measurements, used: BoolArray, fits: 
             if len(part) < 2:
                 continue
             square = distances(fit, problem, at, part[None], counts=np.array([float(used[part].all())]))[0]
-            out[part] = square > chi2.isf(OUTLYING / len(rows), int(rows.known[part].sum())) * scale
+            out[part] = square > scipy.stats.chi2.isf(OUTLYING / len(rows), int(rows.known[part].sum())) * scale
     return out
 
 
@@ -100,9 +100,9 @@ def without_outliers(fit: Fit[R], rows: Measurements, used: BoolArray) -> tuple[
     """
     for _ in range(OUTLIER_ROUNDS):
         square, components = of_all(fit, rows, used)
-        normal = chi2.ppf(0.5, np.arange(1, 7))[np.maximum(components, 1) - 1]
+        normal = scipy.stats.chi2.ppf(0.5, np.arange(1, 7))[np.maximum(components, 1) - 1]
         scale = max(1.0, float(np.median((square / normal)[components > 0]))) if fit.equations > 1.5 * len(fit.theta) else 1.0
-        limit = chi2.isf(OUTLYING / len(rows), np.maximum(components, 1)) * scale
+        limit = scipy.stats.chi2.isf(OUTLYING / len(rows), np.maximum(components, 1)) * scale
         now = (square <= limit) | (components == 0)
         now &= ~_contradicted_stays(fit, rows, used, now, scale=scale)
         if (now == used).all():
@@ -391,7 +391,7 @@ def identify(robot: R, rows: Measurements, settings: Settings | None = None) -> 
     findings += _doubted(found)
     if not fit.converged:
         findings.append(noted("not_converged", "not_converged"))
-    if not settings.own_noise and chi2.sf(fit.chi2, fit.freedom) < MISFIT:
+    if not settings.own_noise and scipy.stats.chi2.sf(fit.chi2, fit.freedom) < MISFIT:
         times = float(np.sqrt(fit.chi2 / fit.freedom))
         findings.append(noted("misfit", "misfit", value=times, times=times))
     if not found.tells_noise:
@@ -477,7 +477,7 @@ def predicted(found: Identified[R], rows: Measurements, instrument: FloatArray) 
     # the noise has the degrees of freedom of the residuals, except the stated part of the instrument
     own = np.einsum("nii->n", robot)
     estimated = own / np.maximum(own + np.trace(instrument, axis1=-2, axis2=-1), 1e-300) if found.rows.stated[0] else 1.0
-    wider = 1.0 + estimated * float(t.ppf(0.975, fit.freedom) / t.ppf(0.975, np.inf) - 1.0)
+    wider = 1.0 + estimated * float(scipy.stats.t.ppf(0.975, fit.freedom) / scipy.stats.t.ppf(0.975, np.inf) - 1.0)
     return Prediction(found.state.predicted(rows), covariance, wider * radii_95(covariance))
 
 

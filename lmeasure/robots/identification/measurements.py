@@ -15,8 +15,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
 from lmeasure.core import BoolArray, FloatArray, IntArray
 from lmeasure.text import Message, message
@@ -354,7 +354,7 @@ def read_at_stays(rows: Measurements, used: BoolArray) -> Stays:
         square[kind], freedom[kind] = (off[:, part] ** 2).sum(), (known[:, part] * share[:, None]).sum()
         if rows.stated[1 - kind] and freedom[kind] > 0.0 and stated[:, part][known[:, part]].all():
             met = float((off[:, part] ** 2 / np.where(known[:, part], stated[:, part], 1.0)).sum())
-            if min(chi2.sf(met, freedom[kind]), chi2.cdf(met, freedom[kind])) < OTHER / 2.0:
+            if min(scipy.stats.chi2.sf(met, freedom[kind]), scipy.stats.chi2.cdf(met, freedom[kind])) < OTHER / 2.0:
                 times[kind] = met / freedom[kind]
     # errors that are stated and not seen between readings are the same in all of them
     size = np.repeat(np.sqrt(times[:, None] / counts + np.maximum(1.0 - times[:, None], 0.0)), 3, axis=0).T
@@ -379,6 +379,6 @@ def agreeing(rows: Measurements, used: BoolArray) -> BoolArray:
         if len(part) > 2:
             square[part] = ((values[part] - np.median(values[part], axis=0)) ** 2).sum(axis=1)
     stated = np.einsum("nii->n", rows.covariance[:, POSITION, POSITION])[at] / 3.0
-    scale = np.maximum(float(np.median(square[requested])) / chi2.ppf(0.5, 3), stated)
-    out[at] &= ~requested | (square <= HEAVY**2 * scale * chi2.isf(OUTLYING / len(rows), 3))
+    scale = np.maximum(float(np.median(square[requested])) / scipy.stats.chi2.ppf(0.5, 3), stated)
+    out[at] &= ~requested | (square <= HEAVY**2 * scale * scipy.stats.chi2.isf(OUTLYING / len(rows), 3))
     return out

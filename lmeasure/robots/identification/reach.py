@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from lmeasure.calibration import Limits, Usable
 from lmeasure.core import BoolArray, FloatArray, IntArray, RobotError, se3
@@ -126,7 +126,7 @@ class Allowed:
     def candidates(self, count: int, seed: int = 0) -> FloatArray:
         """Return (count, n) joint values spread evenly over the allowed ones; RobotError if hardly any are allowed."""
         count_joints = len(self.robot.joint_names)
-        draw = qmc.Sobol(count_joints, rng=np.random.default_rng(seed))
+        draw = scipy.stats.qmc.Sobol(count_joints, rng=np.random.default_rng(seed))
         found = np.zeros((0, count_joints))
         block = 1 << int(np.ceil(np.log2(max(count, 64))))
         for _ in range(FACTOR):
@@ -218,7 +218,7 @@ def workspace(found: Identified[R], samples: int = SAMPLES, seed: int = 0) -> Pr
         return None
     robot, tool = found.state.robot, found.state.targets[0]
     allowed = Allowed(robot, found.state.base, tool, np.zeros((0, 3, 2)))
-    joints = allowed.spread(qmc.Sobol(len(robot.joint_names), rng=np.random.default_rng(seed)).random(samples))
+    joints = allowed.spread(scipy.stats.qmc.Sobol(len(robot.joint_names), rng=np.random.default_rng(seed)).random(samples))
     joints = joints[allowed(joints)]
     if len(joints) < CELLS:
         return None

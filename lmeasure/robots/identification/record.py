@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from scipy.stats import norm, t
+import scipy
 
 from lmeasure.accuracy import radii_95
 from lmeasure.core import BoolArray, FileFormatError, FloatArray, IntArray, se3
@@ -291,7 +291,7 @@ class IdentifiedRobot:
         spread = self.misfit**2 * (self.beyond.places(rows, self.covariance) + own)
         if np.isnan(self.noise_mm):
             return np.full(len(joints), np.nan)
-        return np.asarray(float(t.ppf(0.975, self.freedom) / norm.ppf(0.975)) * radii_95(spread))
+        return np.asarray(float(scipy.stats.t.ppf(0.975, self.freedom) / scipy.stats.norm.ppf(0.975)) * radii_95(spread))
 
     def _rows(self, joints: FloatArray) -> FloatArray:
         """(N, 3, p) derivatives of the target's place in the instrument's frame by the unknowns, in the units of their names."""
