@@ -2,9 +2,9 @@
 horizontal, and a straight distance.
 
 Swivel: with d = P - B, e0 = (sin a sin b, sin a cos b, cos a) normal to u and upward, e1 = u x e0 = (-cos b, sin b, 0), the pulley's plane
-stands at theta = atan2(y, x), x = d.e0, y = d.e1, whose gradient by P is (x e1 - y e0)/(x^2 + y^2). An eccentric encoder shows theta +
-c sin(theta - phase). Inclination: an axis a of the tool leans by atan2(a.g, |a x g|) against the way up g, and grows as the tool turns
-about a x g. Either less its zero. What stands where: `kernels.layout`.
+is at theta = atan2(y, x), x = d.e0, y = d.e1, whose gradient by P is (x e1 - y e0)/(x^2 + y^2). An eccentric encoder shows theta +
+c sin(theta - phase). Inclination: an axis a of the tool leans by atan2(a.g, |a x g|) against the upward g, and grows as the tool turns
+about a x g. Each minus its zero. Columns: `kernels.layout`.
 """
 
 import math
@@ -59,7 +59,7 @@ def inclination_at(channel: FloatArray, pose: FloatArray) -> tuple[float, Vec3]:
 
 @inline
 def sensor_gradient(channel: FloatArray, pose: FloatArray, k: float, scale_factor: float, out: FloatArray) -> None:
-    """Derivatives of the reading by `PARAMETERS`, into out (layout.WIDTH,): in the place of the pulley's radius the zero's. k and
+    """Derivatives of the reading by `PARAMETERS`, into out (layout.WIDTH,): the zero's derivative instead of the pulley radius'. k and
     scale_factor as `kernels.cable.length_gradient` has them; angles have no scale."""
     for c in range(layout.WIDTH):
         out[c] = 0.0

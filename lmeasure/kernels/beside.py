@@ -1,4 +1,4 @@
-"""Compilation beside the work: what a process computed uncompiled is compiled by another one, so that the next process has it."""
+"""Compile in another process the kernels that this one computed uncompiled, so that the next process has them."""
 
 import contextlib
 import importlib
@@ -15,7 +15,7 @@ CHILD = "from lmeasure.kernels import compile_wanted; compile_wanted()"
 
 
 def compile_beside() -> None:
-    """Start a process of the lowest priority that compiles what this one computed uncompiled, and do not wait for it."""
+    """Start a process of the lowest priority that compiles the kernels that this one computed uncompiled, and do not wait for it."""
     if not wanted or not own_folder(Path(os.environ[VARIABLE])):
         return
     with contextlib.suppress(OSError):
@@ -29,7 +29,7 @@ def compile_beside() -> None:
 
 
 def compile_wanted() -> None:
-    """Compile what standard input lists, unless another process does so already."""
+    """Compile the kernels that standard input lists, unless another process already does."""
     from lmeasure.kernels.cache import KeptCode
 
     listed = pickle.load(sys.stdin.buffer)

@@ -21,9 +21,9 @@ pulley is h(k) = hypot(t_d, a(k)). Paying out k counts of length c gives the fre
 
     D(k) = k c - (h(k) - h(0)) = F(P) - F(P0),
 
-which grows strictly with k when g < N c, a condition the rig file is held to.
+which grows strictly with k when g < N c. The rig file is checked for this.
 
-What stands where in the rows of a cable and of a pose: `kernels.layout`.
+Columns of a cable and of a pose: `kernels.layout`.
 """
 
 import math
@@ -76,7 +76,7 @@ class Leaving(NamedTuple):
 
 @inline
 def leaving(d: Vec3, u: Vec3, radius: float) -> Leaving:
-    """Of the cable to the point d from B, by two divisions and no branch; what is not asked for is left out by the compiler. NaN inside
+    """Of the cable to the point d from B, by two divisions and no branch; the compiler omits unused results. NaN inside
     the pulley, and on its axis, even of a pulley of radius 0: the length would be finite, but the pulley has no plane to turn into."""
     q = dot(d, u)
     across = sub(d, scale(q, u))
@@ -108,7 +108,7 @@ def span(point: Vec3, base: Vec3, u: Vec3, radius: float) -> tuple[float, Vec3]:
 
 @inline
 def drum_change(k: float, tangent: float, axial: float, travel: float, count_length: float) -> float:
-    """D(k): change of the free cable, drum to attachment less drum to fixed pulley, when k counts are paid out."""
+    """D(k): change of the free cable, drum to attachment minus drum to fixed pulley, when k counts are paid out."""
     a = axial + travel * k
     # h(k) - h(0) as a quotient: the difference of two square roots would lose the digits that one count moves
     h = math.sqrt(tangent * tangent + a * a) + math.sqrt(tangent * tangent + axial * axial)
@@ -118,7 +118,7 @@ def drum_change(k: float, tangent: float, axial: float, travel: float, count_len
 
 @inline
 def drum_way(tangent: float, axial: float) -> tuple[float, float]:
-    """Rates of the stretch between drum and fixed pulley by both legs; none where both stand at one place, which has no way."""
+    """Rates of the stretch between drum and fixed pulley by both legs; zero if both are at one point, which has no direction."""
     h = math.sqrt(tangent * tangent + axial * axial)
     return (tangent / h, axial / h) if h > 0.0 else (0.0, 0.0)
 

@@ -1,11 +1,11 @@
-"""Compiled code kept between runs, believed only where nobody else can have written it.
+"""Compiled code kept between runs. It is used only where no other user can have written it.
 
-Numba keeps its code pickled: who writes an index or a code file runs what he likes in every process that loads it. The folder is therefore
-the user's own, of mode 0700; each file in it must be his too, and begins with a digest of what follows. What is not so, what is cut off or
-changed, is passed over, and the function is compiled as if nothing were kept. A full disk costs the compile time, nothing else.
+Numba keeps its code pickled: who can write an index or a code file can run any code in each process that loads it. The folder is therefore
+the user's own, of mode 0700; each file in it must be his too, and begins with a digest of what follows. A file that fails, is cut off or
+changed, is ignored, and the function is compiled as if nothing were kept. A full disk costs the compile time, nothing else.
 
-Processes that start together compile each function once: who comes second waits until the first has kept it. Functions call each other in
-one direction only, so that two never wait for each other; who holds a lock too long is not waited for.
+Processes that start together compile each function once: the second waits until the first has stored it. Functions call each other in
+one direction only, so that two never wait for each other; a lock that is held too long is ignored.
 """
 
 import contextlib
@@ -38,13 +38,13 @@ LOOK_AGAIN_S = 0.05
 
 
 def ready() -> None:
-    """Load what numba calls compiled code by; the first function that is called does it otherwise, in 0.7 s. Nothing is compiled."""
+    """Load the parts of numba that call compiled code; otherwise the first call does it, in 0.7 s. Nothing is compiled."""
     cpu_target.typing_context.refresh()
     cpu_target.target_context.refresh()
 
 
 def _read(path: str) -> bytes | None:
-    """What was kept there; None where it is not as it was written, or not by this user."""
+    """Return the stored content; None if it was changed since, or is not of this user."""
     with open(path, "rb") as file:  # noqa: PTH123 - numba's own paths are texts
         found = os.fstat(file.fileno())
         if not stat.S_ISREG(found.st_mode) or not is_mine(found):
@@ -87,7 +87,7 @@ class _Files(_IndexAndData):  # type: ignore[misc]
 class KeptCode(_Function):  # type: ignore[misc]
     """The cache of one function; whatever fails in it costs a compilation, never a command.
 
-    in_turn: whether others wait for what this process compiles. Nobody waits for one of the lowest priority.
+    in_turn: whether others wait for this process to compile. They do not wait for one of the lowest priority.
     """
 
     in_turn = True

@@ -1,4 +1,4 @@
-"""A finite counter: its wraps undone, and and what cannot be a motion is detected."""
+"""A finite counter: undo its wraps, and detect steps that no motion explains."""
 
 import math
 
@@ -10,7 +10,7 @@ from lmeasure.kernels.decorators import inline, strict_kernel
 FOLLOWED, EMPTY, JUMPED, UNSURE, FOREIGN, WENT_ON = range(6)
 RETURN_S = 0.1  # within which a jump back shows that the number was wrong and not the counter
 STATE = 10
-# what a counter's state holds: whether there is a sample; continuous and recorded count and time of the last one; the same of the last one
+# content of a counter's state: whether there is a sample; continuous and recorded count and time of the last one; the same of the last one
 # before its origin was lost; whether it is lost; whether it is unsure; the rate that is believed of it in a pause
 _ANY, _COUNT, _SEEN, _SEEN_TIME, _GOOD_COUNT, _GOOD, _GOOD_TIME, _LOST, _UNSURE, _BELIEVED = range(STATE)
 UNSURE_AT, BELIEVED_AT = _UNSURE, _BELIEVED
@@ -32,17 +32,17 @@ def shortest(step: float, full: float) -> float:
 def resume_counting(
     recorded: FloatArray, time_s: FloatArray, max_rate: float, full: float, state: FloatArray, least_s: float
 ) -> tuple[FloatArray, IntArray]:
-    """Return continuous counts (n,) and what each sample is (n,), from recorded counts (n,) with NaN for empty cells.
+    """Return continuous counts (n,) and the status of each sample (n,), from recorded counts (n,) with NaN for empty cells.
 
     max_rate [1/s] bounds the motion, full is the number of values of the counter, 0 when it does not wrap. The first count is taken as a
     signed one. A step that the motion cannot have made is a jump (JUMPED), and the counter's origin is lost with it: it WENT_ON, until it
-    jumps, within RETURN_S, back to where the last good sample could have come. Its counts go on too, for who can prove them right. After
+    jumps, within RETURN_S, back to where the last good sample could have come. Its counts continue too, if a caller can prove them. After
     a pause in which it could have gone round a counter is UNSURE for good. A value that no counter of that size shows is FOREIGN
     and nothing else. Continuous counts are the recorded ones plus whole turns, exactly.
 
     state (STATE,), zeros at the beginning of a recording, is changed in place, for the next piece of it.
-    least_s: taken for the time between samples whose stamps are closer: a host that was busy stamps at once what came one by one. Where the
-    state has a rate that the motion makes believe (`BELIEVED_AT`), only pauses, longer than PAUSE times least_s, make a counter unsure, and
+    least_s: taken for the time between samples whose stamps are closer: a busy host stamps at once frames that arrived one by one. If the
+    motion has confirmed the rate in the state (`BELIEVED_AT`), only pauses, longer than PAUSE times least_s, make a counter unsure, and
     by that rate.
     """
     n = len(recorded)

@@ -4,11 +4,11 @@ Conventions of every kernel
 ---------------------------
 * Millimetres and radians. A 3-vector is a tuple of three floats; a pose is a row `x, y, z, qx, qy, qz, qw`
   (base_from_tool, unit quaternion).
-* What cannot exist is NaN, never an exception: the callers turn it into an error or a status.
+* A value that cannot exist is NaN, never an exception: the callers turn it into an error or a status.
 * Compiled code is kept between runs, in a folder named by a digest of these sources. Numba's own cache looks only at the file a
-  function stands in; a change in an inlined helper of another file would be missed. `kept` says what is believed.
+  function is in; a change in an inlined helper of another file would be missed. `cache` states which files are trusted.
 
-Numba is loaded when the first kernel is compiled or its kept code is used: a small job is done without (`StrictKernel`).
+Numba is loaded when the first kernel is compiled or its kept code is used: a small job runs without it (`StrictKernel`).
 """
 
 import contextlib
@@ -75,7 +75,7 @@ class Kernel:
 
     @cached_property
     def dispatcher(self) -> Any:
-        """What numba makes of the function."""
+        """Return numba's dispatcher of the function."""
         import llvmlite.binding
         import numba
 
@@ -96,9 +96,9 @@ class Kernel:
 class StrictKernel(Kernel):
     """A kernel that gives the same bits on every processor, compiled or not: nothing in it is fused or replaced.
 
-    What it calls is compiled apart for it, since a small function keeps the licence of `inline` wherever it is used. A call is computed
-    uncompiled (`kernels.uncompiled`) as long as that is sooner than to compile: each kernel has UNCOMPILED_S a process and types of
-    arguments, and NUMBA_S until numba is loaded. A call that takes longer is broken off and done again, compiled.
+    Its callees are compiled apart for it, since a small function keeps the licence of `inline` wherever it is used. A call is computed
+    uncompiled (`kernels.uncompiled`) as long as that is faster than to compile: each kernel has UNCOMPILED_S a process and types of
+    arguments, and NUMBA_S until numba is loaded. A call that takes longer is stopped and repeated, compiled.
 
     usual: a function of arrays that gives the same for usual arguments, and None, with its arguments as they were, for others. It is called
     first where nothing is compiled.

@@ -1,6 +1,6 @@
-"""What temperature, tension and weight do to the length of a cable.
+"""Effects of temperature, tension and weight on the length of a cable.
 
-A count is a piece of cable, and what it pays out has a temperature, a strain and a weight. S is the length of the free cable, drum to
+A count is a piece of cable with a temperature, a strain and a weight. S is the length of the free cable, drum to
 attachment point, as it would be unstrained at the reference temperature. With e, d, f = 1 + coefficient * (T - T_ref) of cable, drum and
 frame, tension tau(k) at the drum and tau_m in the middle of the free span,
 
@@ -17,10 +17,10 @@ With one tension everywhere and one temperature this is the equation of `kernels
 The arc is that of a hanging cable without an approximation for small sag. Of a catenary of length s over the horizontal distance H and
 the height V, whose tensions at its ends are tau and tau + w V, it holds that (tau + w V/2) * 2 = w s coth x and s^2 = V^2 + (H
 sinh(x)/x)^2 with x = w H/2 over the horizontal tension (Irvine, Cable Structures, 1981, ch. 1; the first by adding the tensions at both
-ends). The parabola's (w cos)^2 L^3 / (24 tau_m^2) is the first term. What is left out: the strain is taken at the mean tension, and the
-pulley is left at the angle of the straight span, both of second order in the sag's angle (`docs/physical-effects.md` has the figures).
+ends). The parabola's (w cos)^2 L^3 / (24 tau_m^2) is the first term. Neglected: the strain is taken at the mean tension, and the
+pulley keeps the angle of the straight span, both of second order in the sag's angle (`docs/physical-effects.md` has the figures).
 
-What stands where in their rows: `kernels.layout`.
+Columns: `kernels.layout`.
 """
 
 import math
@@ -115,7 +115,7 @@ def excesses(
     warm_zero: FloatArray,
     warm: FloatArray,
 ) -> FloatArray:
-    """(n, m) what the effects add to modelled less measured change of each cable [mm]: E such that F(P) - F(P0) + E = D(k) - D(k0).
+    """(n, m) contribution of the effects to modelled minus measured change of each cable [mm]: E such that F(P) - F(P0) + E = D(k) - D(k0).
 
     cables (m, columns), effects (m, columns); zeros (m, 7) pose, zero_counts (m,) count and warm_zero (m,) [K above the reference]
     at which each cable's equation starts; poses (n, 7), true counts (n, m), warm (n, m).

@@ -1,9 +1,9 @@
 """Kinds of sensors that other packages add: kernels call their laws through a table of addresses.
 
-A row's KIND says which entry of the table is called: entry 2 i of the kind number i gives the reading and its rates, entry 2 i + 1 the
+A row's KIND selects the entry of the table: entry 2 i of the kind number i gives the reading and its rates, entry 2 i + 1 the
 derivatives by the parameters. The table is a symbol of the process that compiled code finds when it is loaded, so that code kept from other
-processes is valid here too. An entry that nobody has set calls `unset`, which loads the kind by its number: worker processes get rows, and
-no rig. What fails leaves NaN, as everywhere.
+processes is valid here too. An entry that is not set calls `unset`, which loads the kind by its number: worker processes get rows, and
+no rig. Failures leave NaN, as everywhere.
 """
 
 import ctypes
@@ -149,7 +149,7 @@ class _Law:
 
 
 def _call(context: Any, builder: Any, signature: Any, args: Any, size: int) -> list[Any]:
-    """Call the law at a place of the table with copies of row and pose; return what it put out."""
+    """Call the law at a place of the table with copies of row and pose; return its output."""
     from llvmlite import ir
     from numba.core import cgutils
 
@@ -190,7 +190,7 @@ def external_at(channel: FloatArray, pose: FloatArray) -> tuple[float, Vec3, Vec
 
 @inline
 def external_gradient(channel: FloatArray, pose: FloatArray, k: float, scale_factor: float, out: FloatArray) -> None:
-    """Derivatives of reading less counted reading by `PARAMETERS`, into out (layout.WIDTH,)."""
+    """Derivatives of reading minus counted reading by `PARAMETERS`, into out (layout.WIDTH,)."""
     found = _gradient(_place_of(channel[KIND]) + 1, channel, pose)
     for c in range(WIDTH):
         out[c] = found[c]

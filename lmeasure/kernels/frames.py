@@ -1,7 +1,7 @@
 """Scan of a BLF log's objects into arrays of frames, and extraction of integers from payloads.
 
-The layout of the objects is that of python-can's reader (`can.io.blf`), which follows Vector's binlog.h; what that reader yields, the scan
-yields bit for bit. It also reads CAN_ERROR, CAN_FD_ERROR_64, CAN_DRIVER_ERROR,
+The layout of the objects is that of python-can's reader (`can.io.blf`), which follows Vector's binlog.h; the scan yields
+the same frames as that reader, bit for bit. It also reads CAN_ERROR, CAN_FD_ERROR_64, CAN_DRIVER_ERROR,
 and objects with headers of version 3 (layout: Wireshark's blf.h, Vector BLF of
 Tobias Lorenz). An object that contradicts itself stops the scan: nothing behind it can be trusted.
 
@@ -78,7 +78,7 @@ def _seconds(ticks: Any, per_second: Any) -> float:
         return float(ticks) / float(per_second)
     whole = ticks // per_second
     rest = ticks % per_second
-    shift = u64(53)  # bits of the significand that stand behind the point
+    shift = u64(53)  # bits of the significand behind the point
     top = whole
     while top != u64(0):
         top >>= u64(1)
@@ -193,7 +193,7 @@ def scan_blf(
             wanted = i64(FD_LENGTH[wanted]) if wanted < 16 else 64
             beyond = i64(byte(b, i + 35))
             start = i + 40
-            # the object may hold fewer bytes than it says; the rest is zero, as Vector's library reads it
+            # the object may contain fewer bytes than it states; the rest is zero, as Vector's library reads it
             count = max(0, min(valid, (beyond if beyond else size) - header_size - 40))
             if valid > 64 or start + count > following:
                 return n, pos, BROKEN, places_used
@@ -312,15 +312,15 @@ def _carried(before: int, after: int, bits: int, upper_before: int, upper_after:
 
 @kernel
 def extract(frames: Columns, fields: IntArray, sync_key: int) -> Any:
-    """Integers at given places of given frames, in the order of the frames, and where the SYNCs stand among them.
+    """Integers at given places of given frames, in the order of the frames, and the positions of the SYNCs among them.
 
     frames: columns of n frames. fields (m, 7): key and mask, a frame being meant where (identifier + 2^29 if extended) & mask = key; first
     bit, bits (1 to 64), 1 for big-endian, 1 for signed; the byte in which the counter would go on if it were wider, or -1. The first bit
-    counts from the lowest bit of byte 0 upwards, or where big-endian from the highest bit of byte 0 downwards. sync_key: what SYNC frames
-    are named likewise, -1 for none. Remote and error frames carry nothing.
+    counts from the lowest bit of byte 0 upwards, or where big-endian from the highest bit of byte 0 downwards. sync_key: key of SYNC
+    frames, -1 for none. Remote and error frames carry no values.
 
     Returns (k,) each: positions of the frames, indices of the fields, values (an unsigned value of 64 bits as the same bits), how many
-    SYNCs stand before; (m,) each: how many frames were too short to hold the field, how often the byte behind carried on; (s,) positions
+    SYNCs come before; (m,) each: how many frames were too short to hold the field, how often the byte behind carried on; (s,) positions
     of the SYNCs.
     """
     _, identifier, flags, length, data, _ = frames
@@ -374,7 +374,7 @@ def extract(frames: Columns, fields: IntArray, sync_key: int) -> Any:
 def tabulate(window: IntArray, field: NDArray[np.int16], value: IntArray, m: int, total: int) -> Any:
     """Readings as a table: (m, total) the first value of each field and window, 0 where there is none, and (m, total) how many there are.
 
-    window, field and value (k,): the column and the row of each reading, and what it says.
+    window, field and value (k,): the column and the row of each reading, and its value.
     """
     first, many = np.zeros((m, total), np.int64), np.zeros((m, total), np.int64)
     for k in range(len(window)):

@@ -4,7 +4,7 @@ The squared distance Q from the mean is a sum of three independent chi-squares w
 det(I - 2it C)^(-1/2), so its distribution depends on C through the invariants e1 = trace, e2 = sum of principal 2x2 minors,
 e3 = determinant alone. Hence r95 = sqrt(e1) f(a, b) with a = 3 e2/e1^2 and b = 27 e3/e1^3, both in [0, 1]: no eigenvalues, no branch. f is
 the minimax polynomial of degree 5 to the exact quantile (`accuracy.radius.exact_radius_95`): iteratively reweighted least squares over a
-grid of ratios of eigenvalues, denser towards the needle and the disc. It errs by less than 5e-5 of the radius everywhere.
+grid of ratios of eigenvalues, denser towards the needle and the disc. Its error is less than 5e-5 of the radius everywhere.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""The folder of compiled code: one for each state of these sources, believed only where nobody else can have written it."""
+"""The folder of compiled code: one for each state of these sources, used only where no other user can have written it."""
 
 import hashlib
 import os
@@ -10,7 +10,7 @@ VARIABLE = "NUMBA_CACHE_DIR"
 
 
 def own_folder(path: Path) -> bool:
-    """Whether the folder is there, made if need be, and is the user's own: nobody else may write in it."""
+    """Return whether the folder exists or was made, and is the user's own: no other user may write in it."""
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = path.lstat()
@@ -24,7 +24,7 @@ def own_folder(path: Path) -> bool:
 
 
 def is_mine(found: os.stat_result) -> bool:
-    """Whether a file or folder is this user's, and nobody else may write it."""
+    """Return whether a file or folder is this user's, and no other user may write it."""
     # Windows has no such owners and modes: there the folder lies in the user's profile
     return os.name == "nt" or (found.st_uid == os.geteuid() and not found.st_mode & 0o022)
 

@@ -288,7 +288,7 @@ def _goes_on(
 def follow_lanes(
     cables: FloatArray, start: FloatArray, state: FloatArray, changes: FloatArray, flags: IntArray, u: FloatArray
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray]:
-    """What `screw.resume` does, with the same arguments and results, coarse to fine and in lanes; iterations are those of the tile."""
+    """Do the work of `screw.resume`, with the same arguments and results, coarse to fine and in lanes; iterations are those of the tile."""
     n = changes.shape[0]
     poses, residual, angles = np.full((n, 7), np.nan), np.full(n, np.nan), np.full(n, np.nan)
     iterations, status = np.zeros(n, np.int64), flags.copy()

@@ -2,8 +2,8 @@
 
 Coarse to fine as `lanes` goes through time, by tiles of WIDTH samples whose lanes do not branch. A lane's step is Gauss and Newton's: the
 weighted rows of its channels, of any kind, make a 6x6 system N x = b, which L D L^T solves without pivots, for it is positive definite.
-The last step moves a pose by less than LAST_STEP_MM: so the rows there are those of the pose itself, the residuals less A x are its own,
-and what judges it, pressure angles by N^-1, costs no further look at the channels. A tile is only taken where that is safe: every lane
+The last step moves a pose by less than LAST_STEP_MM: so the rows there are those of the pose itself, the residuals minus A x are its own,
+and its pressure angles follow from N^-1 without the channels. A tile is only taken where that is safe: every lane
 starts near, converges, stays clear of singular poses, reads the same channels, and the tile goes on where the one before ended.
 Everything else goes to `least_squares.follow`, sample by sample.
 
@@ -122,7 +122,7 @@ def swivel_rows(
         x, y = dot(d, e0), dot(d, e1)
         across = 1.0 / (x * x + y * y)
         root = math.sqrt(across)
-        # sine and cosine of the angle less the phase of the eccentricity, times this
+        # sine and cosine of the angle minus the phase of the eccentricity, times this
         sine, cosine = root * (y * off_x - x * off_y), root * (x * off_x + y * off_y)
         e = scale((1.0 + cosine) * across, sub(scale(x, e1), scale(y, e0)))
         _keep(a, i, weight, scale(by_size, cross(arm, e)), e)
@@ -318,7 +318,7 @@ def _solve(N: FloatArray, S: FloatArray, size: float) -> None:
 def _judge_channel(
     S: FloatArray, M: FloatArray, V: FloatArray, a: FloatArray, r: FloatArray, c: FloatArray, weight: float, size: float, u: float
 ) -> None:
-    """What a channel says of every lane: its residual and chi-squared at the moved pose, and the speed of its point under the twist that
+    """Judge every lane by a channel: its residual and chi-squared at the moved pose, and the speed of its point under the twist that
     its reading alone makes, squared; see `least_squares.fastest`."""
     point, of_length, of_cable = vec(c, ATTACHMENT), 1.0 if c[KIND] <= CABLE else 0.0, c[KIND] == CABLE
     by_weight, by_u, by_size = 1.0 / weight, 1.0 / u, 1.0 / size
@@ -482,7 +482,7 @@ def follow_redundant_lanes(
     u: FloatArray,
     free: IntArray,
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray, FloatArray]:
-    """What `least_squares.follow` does, with the same arguments and results, coarse to fine and in lanes, for more channels than the six
+    """Do as `least_squares.follow` does, with the same arguments and results, coarse to fine and in lanes, for more channels than the six
     components of a twist that are free; iterations are those of the tile."""
     n, m = changes.shape
     poses, residual, angles, chi = np.full((n, 7), np.nan), np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
@@ -542,7 +542,7 @@ def follow_redundant_lanes(
                         iterations[i], status[i] = done, OK
                     copy(poses[tile[-1]], state)
                     for j in range(m):
-                        # a channel without a count is taken up again where it stands by the pose
+                        # a channel without a count continues from its reading at the pose
                         there = weights[j] > 0.0
                         state[CHANGES + j] = changes[tile[-1], j] if there else seen_at(cables[j], poses[tile[-1]])[0] - zero[j]
             joined = taken

@@ -1,4 +1,4 @@
-"""What stands where in the arrays that kernels are given and pass on: a cable's columns, a pose's, those of its state.
+"""Columns of the arrays of kernels: of a cable, of a pose, of its state.
 
 Plain integers, which Numba compiles as constants; of three columns the first one, and the same three as a slice for NumPy.
 """
@@ -9,7 +9,7 @@ PLACE, ORIENTATION, POSE_COLUMNS = 0, 3, 7
 # a cable [mm, rad]: B and the direction of travel u at B (base frame), radius of the swivel pulley, P (tool frame), drum to fixed pulley
 # t_d and a0, axial travel of the pay-out point per count g/N, length of a count c, the angles alpha and beta of u, counts per turn N
 BASE, GUIDE, RADIUS, ATTACHMENT, TANGENT, AXIAL, TRAVEL, COUNT_LENGTH, ALPHA, BETA, TURN_COUNTS = 0, 3, 6, 7, 10, 11, 12, 13, 14, 15, 16
-# what kind of channel it is, and what the encoder of an angle has: its length of a count is an angle [rad], its zero stands where a cable
+# kind of a channel, and values of an angle's encoder: its length of a count is an angle [rad], its zero stands where a cable
 # has the pulley's radius; an inclination has its axis for the attachment point, and the way up for B
 KIND, ECCENTRICITY, ECCENTRIC_PHASE, CABLE_COLUMNS = 17, 18, 19, 20
 CABLE, SWIVEL, INCLINATION, DISTANCE = 0, 1, 2, -1
@@ -43,7 +43,7 @@ OWN_COLUMNS = (BASE, BASE + 1, BASE + 2, ALPHA, BETA, TANGENT, AXIAL)
 """Columns of the rows that have them."""
 WIDTH = len(PARAMETERS)
 
-# what temperature, tension and weight do to a cable (`kernels.effects`): expansion of cable, drum and frame [1/K], 1/EA [1/N], weight
+# effects of temperature, tension and weight on a cable (`kernels.effects`): expansion of cable, drum and frame [1/K], 1/EA [1/N], weight
 # [N/mm], tension at k = 0 [N] and its rise per length paid out [N/mm], tension of winding [N] or NaN for the drum's own, G [mm]
 CABLE_EXPANSION, DRUM_EXPANSION, FRAME_EXPANSION, COMPLIANCE, WEIGHT, TENSION, TENSION_RISE, WINDING_TENSION, GUIDE_LENGTH = range(9)
 EFFECT_COLUMNS = 9
@@ -55,7 +55,7 @@ CHANGES = POSE_COLUMNS
 BODY_START, BODY_WAY, BODY_LENGTH, BODY_RADIUS, BODY_OF_TOOL, BODY_COLUMNS = 0, 3, 6, 7, 8, 9
 
 # a counter of the live kernel: count per recorded count, largest rate of recorded counts [1/s], number of values or 0, count length [mm],
-# 1 where its values are codes, from 0 on, that tell an angle, and by how many counts it is known to be too large
+# 1 where its values are codes, from 0 on, that state an angle, and the known excess in counts
 CHANNEL_PER_RECORDED, CHANNEL_RATE, CHANNEL_VALUES, CHANNEL_COUNT_LENGTH, CHANNEL_ABSOLUTE, CHANNEL_SHIFT = range(6)
 CHANNEL_COLUMNS = 6
 

@@ -1,12 +1,12 @@
 """Poses from any number of cables: least squares over the components of the twist that are free to change.
 
-The screw method for other schemes than six cables to a body. A scheme says which of the six components of the twist (omega; v), base
+The screw method for other schemes than six cables to a body. A scheme states which of the six components of the twist (omega; v), base
 axes, can change: all six, only v (several cables to one point), omega_z, v_x, v_y (a planar stage) or omega_z and v (a tool that stays
 vertical). Each of these sets is a group of displacements, so a finite twist of such components stays within it. With more cables than
-free components the step is Gauss and Newton's, readings weighted by their uncertainty, and what remains tells whether the channels agree.
+free components the step is Gauss and Newton's, readings weighted by their uncertainty, and the residuals show whether the channels agree.
 
 Whether a pose is singular is a matter of geometry. So it is judged by rows of about unit size, an angle's taken as the length by which it
-is seen, whatever the readings weigh: readings that are hardly known make a pose uncertain, not singular.
+is seen, whatever the readings weigh: readings of large uncertainty make a pose uncertain, not singular.
 
 Where just as many channels count as components are free, two poses of the same readings meet at a singular one, as with six cables
 (`screw.resume`): what cannot be distinguished from it is refused, and from there on everything until more channels count.
@@ -43,7 +43,7 @@ from lmeasure.kernels.screw import (
 from lmeasure.kernels.vector import Vec3, add, cross, norm, orientation, rotate, vec
 
 STEP_MM = 1e-11  # a step below it moves nothing that a length could show
-FALLING_MM = 1e-4  # from which on steps tell how they go on falling
+FALLING_MM = 1e-4  # from which on steps show how they continue to fall
 LOST_SPEED = 1.0 / math.cos(math.radians(88.0))  # of an attachment point per unit of length: no assembly can be determined from the other
 NEAR_SPEED = 1.0 / math.cos(NEAR_SINGULAR)
 TURNS_ALONE = 1e-7  # force of a channel, over its moment, below which it is rounding
@@ -91,7 +91,7 @@ def normal(A: FloatArray, N: FloatArray) -> None:
 
 @kernel
 def alike(cables: FloatArray, pose: FloatArray, weights: FloatArray, size: float, units: FloatArray) -> None:
-    """What is moved about per unit of each reading that counts [mm], into units (m,): by it rows are of about unit size; else 0."""
+    """Write the approximate motion per unit of each counted reading [mm] into units (m,), which scale rows to about unit size; else 0."""
     for j in range(cables.shape[0]):
         units[j] = 0.0
         if weights[j] > 0.0:
@@ -100,7 +100,7 @@ def alike(cables: FloatArray, pose: FloatArray, weights: FloatArray, size: float
 
 @inline
 def reach_of(cable: FloatArray, pose: FloatArray, size: float) -> float:
-    """What is moved about per unit of a channel's reading [mm]."""
+    """Return the approximate motion per unit of a channel's reading [mm]."""
     if cable[KIND] == CABLE:
         return 1.0
     _, moment, e = seen_at(cable, pose)
@@ -250,7 +250,7 @@ def fastest(cables: FloatArray, pose: FloatArray, G: FloatArray) -> float:
         moved = norm(add((G[3, j], G[4, j], G[5, j]), cross(turn, arm)))
         if cables[j, KIND] != CABLE:
             _, moment, e = seen_at(cables[j], pose)
-            # what sees turns alone has no force to have an arm
+            # a channel that sees turns alone has no force, and no arm
             moved = norm(turn) if sees_turns(moment, e, 1.0) else moved * norm(e)
         largest = max(largest, moved)
     return largest
@@ -266,7 +266,7 @@ def _lost(cables: FloatArray, pose: FloatArray, weights: FloatArray, free: IntAr
 
 @kernel
 def new_state(start: FloatArray, m: int) -> FloatArray:
-    """(8 + m,) where a run of m cables has got to at its start: last good pose, change of the cables there, the
+    """(8 + m,) state of a run of m cables at its start: last good pose, change of the cables there, the
     number of cables by which it was lost, else 0."""
     state = np.zeros(CHANGES + m + 1)
     copy(start, state)
@@ -301,7 +301,7 @@ def _go(
                 targets[j] = zero[j] + begun[j] + part / parts * way_round(changes[j] - begun[j], cables[j, KIND])
         copy(pose, before)
         if part > 1:
-            # on as it went before: what is left to find is how that bends
+            # continue as before: only the bend remains to be found
             go_on(behind, pose, 1.0)
         copy(before, behind)
         outcome, more = _solve(cables, pose, targets, weights, free, size, ON_THE_WAY_MM)
@@ -325,7 +325,7 @@ def follow_least_squares(
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray, FloatArray]:
     """Poses of a run by continuation, from m >= f cables and f free components of the twist.
 
-    cables (m, columns), channels of any kind; start (7,); zero (m,) what each reads where its change is 0; state (8 + m,), moved on in
+    cables (m, columns), channels of any kind; start (7,); zero (m,) each reading where its change is 0; state (8 + m,), moved on in
     place; changes (n, m) [mm, rad], NaN where a channel has no count: the others are used as long as f are left, else the sample keeps its
     flag of flags (n,); u (m,) standard uncertainties of the readings; free (f,) indices into the twist.
 
@@ -354,11 +354,11 @@ def follow_least_squares(
                 counted += 1
                 of_lengths += cables[j, KIND] == CABLE
         outcome = OK if counted >= f else flags[i]
-        # more cables than there were when it was lost tell the pose again
+        # more cables than when it was lost determine the pose again
         if outcome == OK and state[lost] > 0.0 and counted <= state[lost]:
             status[i] = OTHER_ASSEMBLY
             continue
-        # just as many as there are unknowns: their rows have a determinant, whose sign tells assemblies apart
+        # just as many as there are unknowns: their rows have a determinant, whose sign distinguishes assemblies
         exact, ahead, side = counted == f, False, 0.0
         if outcome == OK:
             copy(state[:CHANGES], pose)
@@ -366,7 +366,7 @@ def follow_least_squares(
                 side = _determinant(cables, pose, weights, free, size)
             begun, gone = state[CHANGES : CHANGES + m], False
             if of_lengths >= f and of_lengths < counted:
-                # lengths alone, where they are enough: an angle that is seen from near may turn by half a turn on a short way
+                # lengths alone, where they are enough: an angle seen from near may change by half a turn on a short path
                 outcome, steps = _go(cables, pose, zero, begun, changes[i], lengths, free, size, reach)
                 iterations[i], gone = steps, outcome == OK
                 if not gone:
@@ -407,7 +407,7 @@ def follow_least_squares(
             copy(pose, state)
             worst, chi[i] = 0.0, 0.0
             for j in range(m):
-                # a cable without a count is taken up again where it stands by the pose
+                # a cable without a count continues from its length at the pose
                 state[CHANGES + j] = changes[i, j] if weights[j] > 0.0 else seen_at(cables[j], pose)[0] - zero[j]
                 if weights[j] > 0.0:
                     if cables[j, KIND] == CABLE:
@@ -420,7 +420,7 @@ def follow_least_squares(
 @kernel
 def twists(cables: FloatArray, poses: FloatArray, weights: FloatArray, free: IntArray) -> FloatArray:
     """(n, 6, m) twist (omega; v) about the tool origin per unit of each length, by least squares with weights (n, m), zero for a cable that
-    is not used; zero in what is not free (f,), NaN where the pose of poses (n, 7) is NaN or singular."""
+    is not used; zero in components that are not free (f,), NaN where the pose of poses (n, 7) is NaN or singular."""
     n, m = weights.shape
     out = np.full((n, 6, m), np.nan)
     G, r, targets = np.empty((6, m)), np.empty(m), np.zeros(m)
@@ -455,7 +455,7 @@ def _seek(cables: FloatArray, targets: FloatArray, weights: FloatArray, free: In
     damping, cost = 1e-3, _cost(r)
     for _ in range(SEARCH_STEPS):
         normal(A, N)
-        # pivots are held against 1
+        # pivots are compared with 1
         scale = 1.0 / max(np.abs(A).max(), 1e-300)
         for a in range(f):
             b[a, 0] = 0.0

@@ -1,4 +1,4 @@
-"""Poses of platforms whose legs' lower ends stand still: six equations, each of a distance or of a plane, closed by Newton's method."""
+"""Poses of platforms whose legs' lower ends are fixed: six equations, each of a distance or of a plane, closed by Newton's method."""
 
 import math
 
@@ -26,7 +26,7 @@ def _fill(
     r: FloatArray,
     size: float,
 ) -> float:
-    """Rows (arm x d / size ; d) into J and what is lacking into r; the largest of that, by its size."""
+    """Rows (arm x d / size ; d) into J and the residuals into r; return the largest residual, divided by its size."""
     turn, place, worst = orientation(pose), vec(pose, 0), 0.0
     for j in range(EQUATIONS):
         arm = rotate(turn, vec(points[j], 0))
@@ -60,7 +60,7 @@ def _close(
     r: FloatArray,
     size: float,
 ) -> int:
-    """Move the pose (in place) until nothing lacks by more than the tolerance: the status. When OK, J holds the rows there."""
+    """Move the pose (in place) until no residual exceeds the tolerance; return the status. When OK, J holds the rows there."""
     previous = math.inf
     for _ in range(MAX_ITERATIONS):
         worst = _fill(points, ends, lengths, normals, pose, J, r[:, 0], size)
@@ -77,7 +77,7 @@ def _close(
 
 @inline
 def _size(points: FloatArray) -> float:
-    """What a radian moves [mm]: the largest distance of a point from the platform's origin."""
+    """Return the motion per radian [mm]: the largest distance of a point from the platform's origin."""
     size = 1e-3
     for j in range(EQUATIONS):
         size = max(size, norm(vec(points[j], 0)))

@@ -54,8 +54,8 @@ def step(
 def changes_of(
     cables: FloatArray, channels: FloatArray, counters: FloatArray, time_s: FloatArray, recorded: FloatArray
 ) -> tuple[FloatArray, IntArray]:
-    """Changes (n, m) of m channels of any kind [mm, rad] from recorded counts (n, m) at times (n,), NaN where there is none, and of each
-    sample (n,) what is wrong with the first channel that has none.
+    """Changes (n, m) of m channels of any kind [mm, rad] from recorded counts (n, m) at times (n,), NaN where there is none, and for each
+    sample (n,) the fault of the first channel that has none.
 
     counters (m, `counter.STATE`) are moved on in place; channels (m, `CHANNEL_COLUMNS`).
     """
@@ -116,7 +116,7 @@ def step_of(
         changes[0, j] -= offsets[j]
         change[j] = changes[0, j]
     if flags[0] == OK:
-        flags[0] = GAP  # of channels that are left out
+        flags[0] = GAP  # of omitted channels
     poses, _, _, status, angle, chi = follow_least_squares(cables, start, zero, state, changes, flags, u, free)
     for c in range(layout.POSE_COLUMNS):
         pose[c] = poses[0, c] if status[0] == OK else math.nan

@@ -48,12 +48,12 @@ NAMES = 64
 
 @inline
 def _name(b: Bytes, i: int, names: Bytes, lengths: IntArray, used: int) -> tuple[int, int, int]:
-    """Place of the channel name that stands at i, entering a new one: (end, place or -1 where it is not plain or too long, used)."""
+    """Place of the channel name at i, entering a new one: (end, place or -1 where it is not plain or too long, used)."""
     start = i
     while 32 < byte(b, i) < 127:
         i += 1
     size = i - start
-    # python-can takes digits for a number, in which leading zeros say nothing
+    # python-can takes digits for a number, in which leading zeros mean nothing
     if size == 0 or size > names.shape[1] or not is_blank(byte(b, i)) or (byte(b, start) == 48 and size > 1):
         return i, -1, used
     for place in range(used):
@@ -73,7 +73,7 @@ def _name(b: Bytes, i: int, names: Bytes, lengths: IntArray, used: int) -> tuple
 
 @inline
 def _data_bytes(b: Bytes, i: int, data: Bytes, row: int) -> tuple[int, int]:
-    """Pairs of hexadecimal digits: (end, or -1 where a digit stands alone, or -2 for more than the columns hold; bytes)."""
+    """Pairs of hexadecimal digits: (end, or -1 where a digit is alone, or -2 for more than the columns hold; bytes)."""
     width = data.shape[1]
     clear(data, row)
     count = i64(0)

@@ -1,4 +1,4 @@
-"""Words of log lines: what ASC and candump have in common.
+"""Words of log lines, for ASC and candump.
 
 The text must end with a line end, which no token contains: that is what keeps every loop inside the text.
 """
@@ -126,7 +126,7 @@ def line_stop(b: Bytes, i: int) -> tuple[int, int]:
 
 @inline
 def is_word(b: Bytes, i: int, word: Bytes) -> bool:
-    """Whether the word stands at i; it compares no further than the first difference, so never past a line end."""
+    """Return whether the word is at i; it compares no further than the first difference, so never past a line end."""
     k = 0
     while k < len(word) and byte(b, i + k) == word[k]:
         k += 1

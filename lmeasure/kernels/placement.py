@@ -61,13 +61,13 @@ def worst_at_task(
 def worst_of_channels(
     candidates: FloatArray, cables: int, positions: FloatArray, quaternions: FloatArray, variance: FloatArray, own: FloatArray
 ) -> FloatArray:
-    """What `worst_at_task` gives, of rigs whose channels (n, m, columns), the first so many of them cables, are of any kind.
+    """Return the result of `worst_at_task` for rigs whose channels (n, m, columns), the first so many of them cables, are of any kind.
 
-    variance (m,) [mm^2, rad^2] by which readings are weighed, own (m,) by which they err; positions (k, 3), any number.
+    variance (m,) [mm^2, rad^2] of the weights of readings, own (m,) of their errors; positions (k, 3), any number.
     """
     n, m = candidates.shape[0], candidates.shape[1]
     out, pose = np.empty((n, 4)), np.empty(POSE_COLUMNS)
-    # about 1 of lengths: pivots are held against that
+    # about 1 of lengths: pivots are compared with that
     free, nothing, left, G, weights = np.arange(6), np.zeros(m), np.empty(m), np.empty((6, m)), np.sqrt(variance[:cables].min() / variance)
     units = np.empty(m)
     for i in range(n):

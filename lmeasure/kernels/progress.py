@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 @dataclass
 class Compilation:
-    """What this process compiles and has compiled.
+    """Kernels that this process compiles and has compiled.
 
     Attributes
     ----------

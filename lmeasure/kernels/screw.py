@@ -23,11 +23,11 @@ GAP, JUMP, SLACK = int(Status.GAP), int(Status.JUMP), int(Status.SLACK)
 OTHER_ASSEMBLY, INCONSISTENT, ORIGIN_LOST = int(Status.OTHER_ASSEMBLY), int(Status.INCONSISTENT), int(Status.ORIGIN_LOST)
 
 CABLES = 6
-TOLERANCE_MM = 1e-11  # a hundred units in the last place of a metre: Newton's last step leaves far less
+TOLERANCE_MM = 1e-11  # a hundred units in the last place of a metre: Newton's last step leaves a far smaller residual
 MAX_ITERATIONS = 30
 STRIDE_MM = 10.0  # longest change of a cable that one Newton start is asked to bridge; more is gone in parts
-ON_THE_WAY_MM = 0.5  # residual with which a part that is not the last is left behind
-LOST = CHANGES + CABLES  # where a run's state tells by 1 that it was lost near a singular pose
+ON_THE_WAY_MM = 0.5  # residual at which a part that is not the last ends
+LOST = CHANGES + CABLES  # index in a run's state: 1 if it was lost near a singular pose
 STATE = LOST + 1
 SINGULAR_PIVOT = 1e-7  # of the rows scaled to unit size: a count moves the pose by kilometres
 MAX_STEP_ROTATION = 0.5  # rad
@@ -117,7 +117,7 @@ def displace(pose: FloatArray, x: FloatArray, size: float) -> None:
 
 @inline
 def go_on(behind: FloatArray, pose: FloatArray, steps: float) -> None:
-    """Move a pose (in place) by so many times what it was moved from the one behind it, to first order."""
+    """Move a pose (in place) by a multiple of its motion from the previous one, to first order."""
     aligned, square = 0.0, 0.0
     for c in range(ORIENTATION, POSE_COLUMNS):
         aligned += pose[c] * behind[c]
@@ -180,7 +180,7 @@ def _invert_rows(J: FloatArray, inverse: FloatArray, size: float) -> float:
 def invert(cables: FloatArray, pose: FloatArray, J: FloatArray, inverse: FloatArray, size: float) -> float:
     """Inverse of the rows about the tool origin into `inverse` (6, 6): column i is the unit-rate twist of cable i, (omega; v).
 
-    Returns the determinant of the rows with moments divided by size (its sign tells the assembly); 0 when singular.
+    Returns the determinant of the rows with moments divided by size (its sign shows the assembly); 0 when singular.
     """
     for j in range(CABLES):
         _, e, arm = span_at(cables[j], pose)
@@ -298,7 +298,7 @@ def _next_could_turn(
 
 @kernel
 def new_state(start: FloatArray) -> FloatArray:
-    """(STATE,) state of a run that stands at its start pose (7,), where the counters were zeroed."""
+    """(STATE,) state of a run at its start pose (7,), where the counters were zeroed."""
     state = np.zeros(STATE)
     copy(start, state)
     return state
@@ -311,15 +311,15 @@ def resume_screw(
     """Poses of a run by continuation: each sample starts from the last good one.
 
     cables (6, columns); start (7,) pose at which the counters were zeroed; changes (n, 6) of the free cables since then [mm]; flags (n,) of
-    `Status`: samples that are not OK are passed over. A change longer than STRIDE_MM, as behind a gap, is gone in parts along the
-    straight line in lengths, so that the way to another assembly is not jumped over. A pose whose determinant has the other sign than
+    `Status`: samples that are not OK are passed over. A change longer than STRIDE_MM, as behind a gap, is made in parts along the
+    straight line in lengths, so that no other assembly is reached by a jump. A pose whose determinant has the other sign than
     the start's is in another assembly.
 
     Two assemblies meet at a singular pose. There the same lengths have two poses, and the start's sign of the determinant fits the
-    wrong one once the motion went through. So a sample that lengths uncertain by u (6,) [mm] cannot tell from a singular pose is
+    wrong one once the motion went through. So a sample that lengths uncertain by u (6,) [mm] cannot distinguish from a singular pose is
     SINGULAR, and from it, or from a sample whose next ones could lie beyond, everything is OTHER_ASSEMBLY: it cannot be determined which.
 
-    Returns poses (n, 7), residuals (n,) [mm], iterations (n,), status (n,), worst pressure angles (n,) [rad]. What is not OK is NaN.
+    Returns poses (n, 7), residuals (n,) [mm], iterations (n,), status (n,), worst pressure angles (n,) [rad]. Other samples are NaN.
     """
     n = changes.shape[0]
     poses, residual, angle = np.full((n, 7), np.nan), np.full(n, np.nan), np.full(n, np.nan)

@@ -30,7 +30,7 @@ def misfit(candidate: FloatArray, radius: float, points: FloatArray, changes: Fl
             continue
         r = length - start - changes[i]
         total += r * r
-        # written so that NaN gives up too
+        # in this form NaN ends the search too
         if not total <= bound:
             return math.inf
     return total
@@ -62,7 +62,7 @@ def best_of(
         bound = value[keep - 1]
         for i in range(points.shape[0]):
             _add_pose(place, way, radius, (points[i, 0], points[i, 1], points[i, 2]), changes[i], zeroed[i], start, total)
-            # written so that NaN gives up too
+            # in this form NaN ends the search too
             if not np.min(total) <= bound:
                 break
         else:

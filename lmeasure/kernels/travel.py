@@ -12,9 +12,9 @@ from lmeasure.kernels.layout import TRAVEL_FAR, TRAVEL_WAY
 @kernel
 def last_travel(counts: FloatArray, band: FloatArray, state: FloatArray) -> FloatArray:
     """(n, m) 1 where a count last rose, -1 where it fell, 0 where it has done neither, by more than its band (m,), for counts (n, m) with
-    NaN for gaps, in which the last way stands.
+    NaN for gaps, in which the last direction stays.
 
-    state (m, 2), zeros at the beginning, is moved on in place: the farthest count on the present way, and that way.
+    state (m, 2), zeros at the beginning, is moved on in place: the farthest count in the present direction, and that direction.
     """
     n, m = counts.shape
     out = np.empty((n, m))

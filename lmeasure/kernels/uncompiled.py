@@ -1,11 +1,11 @@
-"""Kernels without a compiler: their source, read once more for NumPy. Compiling takes seconds, and small jobs are done sooner without.
+"""Kernels without a compiler: their source, read once more for NumPy. Compiling takes seconds, and small jobs are faster without.
 
 In the copy that is made of a kernel, a loop over `LANES` (by `lane`) or over samples (by `sample`) is one operation on arrays, and a
 conditional expression chooses element by element. Everything else works on single numbers, as it is written. The copy does the same
 operations in the same order, and NumPy rounds each as the processor does: the results are those of a strict kernel, bit by bit.
 
 A copy understands loops, `if` whose test is the same for all lanes, conditional expressions, `and`, `or`, `not`, single comparisons, and a
-`break` under an `if` at the end of a loop that adds to a number. A sample is the first index of an array. What a copy does not understand
+`break` under an `if` at the end of a loop that adds to a number. A sample is the first index of an array. Anything else
 is an exception, and the kernel is compiled.
 """
 
@@ -55,8 +55,8 @@ def _tick() -> None:
 
 
 def call(kernel: Any, arguments: tuple[Any, ...], until: float) -> Any:
-    """Return what a kernel gives, or leave its arguments as they were and raise: TooLongError past a time of `time.thread_time`, whatever
-    else the copy does not understand."""
+    """Return the result of a kernel, or leave its arguments unchanged and raise: TooLongError past a time of `time.thread_time`, or another
+    exception if the copy does not understand the kernel."""
     arrays = [a for a in arguments if isinstance(a, np.ndarray)]
     if sum(a.size for a in arrays) > NUMBERS_AT_ONCE:
         raise TooLongError

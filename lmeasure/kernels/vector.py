@@ -50,7 +50,7 @@ def norm(a: Vec3) -> float:
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
-# arctan(f)/f = 1 + z (c0 + c1 z + ...), z = f^2 <= tan^2(22.5 deg): interpolated at Chebyshev's points; errs by less than 1.4e-16
+# arctan(f)/f = 1 + z (c0 + c1 z + ...), z = f^2 <= tan^2(22.5 deg): interpolated at Chebyshev's points; its error is less than 1.4e-16
 ARCTANGENT = (
     -0.3333333333333325, 0.19999999999898407, -0.1428571426609662, 0.11111109636534361, -0.09090852557176049,
     0.0769105515839315, -0.06649613695291669, 0.05736332165907643, -0.04483334622272886, 0.02275052699336167,

@@ -110,7 +110,7 @@ def clearance_at(cables: FloatArray, pose: FloatArray, pairs: IntArray, bodies: 
         gap = span_clearance(sub(p, q), e, t, f, u, 0.0)
         least = gap if gap < least else least
     for k in range(bodies.shape[0]):
-        # a body of the tool turns and moves with it; one of the base stands still
+        # a body of the tool turns and moves with it; one of the base is at rest
         start, way = vec(bodies[k], layout.BODY_START), vec(bodies[k], layout.BODY_WAY)
         if bodies[k, layout.BODY_OF_TOOL] > 0.0:
             start, way = add(vec(pose, layout.PLACE), rotate(orientation(pose), start)), rotate(orientation(pose), way)

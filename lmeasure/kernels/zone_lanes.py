@@ -4,14 +4,14 @@ How it becomes fast
 -------------------
 All lanes share an orientation, so the arms of the attachment points are constants of the inner loops. Each stage is one loop over the
 lanes without a branch, which the compiler turns into vector instructions; intermediate rows stay in small buffers of the first-level
-cache. What a unit of each length does to the pose comes without pivots: of six cables by `inverse_twists`, of more by
+cache. The effect of a unit of each length on the pose is computed without pivots: of six cables by `inverse_twists`, of more by
 `zone_redundant`. Places
 where that is not sound, or where a figure is not finite, are marked for the pivoted scalar kernel.
 
 Each stage is inlined, so that the compiler sees its rows as constants and vectorises it. Only + - * / and square roots are used, in a fixed
 order and without contraction (`slow_to_compile`), so that every processor gives the same bits.
 
-What a unit of each of six lengths does to the pose, LANES places at a time: the rows inverted by blocks.
+Effect of a unit of each of six lengths on the pose, LANES places at a time: the rows inverted by blocks.
 
 The 6x6 rows are inverted by two 3x3 blocks whose inverses are cross products: with the rows [E1 M1; E2 M2] (v; w) = dl,
 G = E2 E1^-1 and the Schur complement S = M2 - G M1,
@@ -71,8 +71,8 @@ from lmeasure.kernels.zone_rows import (  # fmt: skip
 
 @inline
 def inverse_twists(B: FloatArray, S: FloatArray, arms: FloatArray, size: float) -> None:
-    """Twists per unit of each length into S, from their spans and arms (6, 3), and what the determinants tell: extremes of that with
-    moments divided by size, and the least absolute one of the first block, which tells whether the inverse is sound."""
+    """Twists per unit of each length into S, from their spans and arms (6, 3), and results from the determinants: extremes of that with
+    moments divided by size, and the least absolute one of the first block, which shows whether the inverse is sound."""
     a0, a1, a2, a3, a4, a5 = vec(arms[0], 0), vec(arms[1], 0), vec(arms[2], 0), vec(arms[3], 0), vec(arms[4], 0), vec(arms[5], 0)
     for lane in range(LANES):
         e0, e1, e2 = at(S, SPAN, lane), at(S, CABLE_ROWS + SPAN, lane), at(S, 2 * CABLE_ROWS + SPAN, lane)
@@ -192,7 +192,7 @@ def _add_symmetric(B: FloatArray, S: FloatArray, row: int, L: FloatArray, Y: Flo
 
 @inline
 def _radius(B: FloatArray, S: FloatArray, m: int, row: int, variance: FloatArray, L: FloatArray, linked: Linked | None, worst: int) -> None:
-    """Largest 95 % radius of what the columns c_j at `row` make of the lengths' covariance: of their variances alone, or, linked, of L,
+    """Largest 95 % radius from the lengths' covariance by the columns c_j at `row`: of their variances alone, or, linked, of L,
     its lower triangle row by row, LANES each, and three rows of scratch; total keeps what is not finite."""
     for lane in range(LANES):
         put(B, COVARIANCE, lane, NOTHING)
@@ -227,8 +227,8 @@ def _between(B: FloatArray, S: FloatArray, T: FloatArray, d: Vec3) -> None:
 
 @inline
 def _to_body(B: FloatArray, S: FloatArray, d: Vec3, moves: float, way: Vec3, length: float, radius: float) -> None:
-    """Least distance of a free span from a body's surface; d from the body's start to the attachment point, less the tool's place when
-    the body stands in the base frame (moves 1)."""
+    """Least distance of a free span from a body's surface; d from the body's start to the attachment point, minus the tool's position if
+    the body is fixed in the base frame (moves 1)."""
     for lane in range(LANES):
         away = add(d, scale(moves, at(B, PLACE, lane)))
         gap = span_clearance(away, at(S, SPAN, lane), S[STRAIGHT * LANES + lane], way, length, radius)
@@ -254,7 +254,7 @@ def scan_lanes(
     """(F, n) figures of `kernels.zone.FIGURES` at (n, 3) positions, n a multiple of LANES, and (n,) places left to the scalar kernel.
 
     cables (m, columns); of six the first three are the block that is inverted first (the determinant's sign is that of this order); over k
-    orientations, all turned into the base frame: arms (k, m, 3) of the attachment points, points (k, p, 3) whose uncertainty is asked
+    orientations, all turned into the base frame: arms (k, m, 3) of the attachment points, points (k, p, 3) whose uncertainty is requested
     (p = 0: neither theirs nor the rotation's), body_starts and body_ways (k, b, 3); bodies (b, BODY_COLUMNS) and pairs (c, 2) as in
     `kernels.zone.scan`, and variance (m,) and weights (m,); size [mm] divides the moments. linked: of the rig parameters' covariance,
     None where there is none, which is compiled apart. turns (k, 3, 3) base_from_tool.

@@ -1,6 +1,6 @@
 """The calibration's part in the zone's lane kernel: the covariance of the lengths by that of the rig's parameters, LANES places at a time.
 
-A length changes since the zero pose by h_j . dp_j for its parameters' errors dp_j, h_j being its gradient there less that at the zero pose
+A length changes since the zero pose by h_j . dp_j for its parameters' errors dp_j, h_j being its gradient there minus that at the zero pose
 (`kernels.cable.length_gradient`). The parameters' covariance F F^T is taken cable by cable, F_j = R_j^T Q_j^T (QR of F_j^T), so that
 
     cov(dl_j, dl_k) = (R_j h_j)^T (Q_j^T Q_k) (R_k h_k):
@@ -31,7 +31,7 @@ Five = tuple[float, float, float, float, float]
 
 
 class Linked(NamedTuple):
-    """What the lanes need of a calibration, of m cables in the lanes' order; blocks are BLOCK x BLOCK.
+    """Values of a calibration for the lanes, of m cables in the lanes' order; blocks are BLOCK x BLOCK.
 
     roots (m, BLOCKS, BLOCKS, 5, 5) R_j and begun (m, LENGTH) R_j times the gradient at the zero pose; both (m, m, BLOCKS, BLOCKS, 5, 5)
     Q_j^T Q_k; in_roots and in_both tell which blocks are not zero, tied (m, m) which cables' errors are correlated, ranks (m,) how many
@@ -88,7 +88,7 @@ def roots_by_cable(factor: FloatArray, at_start: FloatArray) -> tuple[FloatArray
                     for i in range(r):
                         rest[i] -= s * Q[j, b, i]
             left = _length(rest)
-            # what is left of a dependent one is rounding
+            # the rest of a dependent one is rounding
             if left > 1e-14 * whole:
                 roots[j, rank, c] = left
                 for i in range(r):

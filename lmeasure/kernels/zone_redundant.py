@@ -1,4 +1,4 @@
-"""What a unit of each of more than six lengths does to the pose, by weighted least squares, LANES places at a time.
+"""Effect of a unit of each of more than six lengths on the pose, by weighted least squares, LANES places at a time.
 
 With the rows (m_j; e_j), m_j = arm x e, and weights q_j the twist (w; v) that fits dl best is that of the normal equations
 
@@ -27,8 +27,8 @@ Symmetric = tuple[Vec3, Vec3]
 def least_squares_twists(B: FloatArray, S: FloatArray, N: FloatArray, arms: FloatArray, weights: FloatArray, size: float) -> None:
     """Twists per unit of each length into S, from their spans, arms (m, 3) and the weights (m,) of the squares, at most 1.
 
-    The norm of the inverse is that of the rows as they are, whatever the weights: it tells how far a singular pose is. With the weights it
-    tells whether this inverse is sound.
+    The norm of the inverse is that of the rows as they are, without the weights: it shows how far a singular pose is. With the weights it
+    shows whether this inverse is sound.
     """
     alike = True
     for j in range(len(weights)):
@@ -107,7 +107,7 @@ def _norm(B: FloatArray, N: FloatArray, size: float, determined: bool) -> None:
         norm2 = (a[0] + a[1] + a[2]) * (size * size) + moves
         if determined:
             most(B, WORST + NORM2, lane, norm2)
-        # rounding alone makes it negative, and a NaN would be taken for less than nothing
+        # rounding alone makes it negative, and a NaN would be taken for a negative value
         least(B, SOUND, lane, 1.0 / math.sqrt(norm2) if norm2 > 0.0 else 0.0)
 
 

@@ -7,12 +7,12 @@ from lmeasure.kernels.zone import WORST_START
 
 LANES = 32
 
-# Rows, LANES long each. The compiler vectorises a loop only where it can tell that rows do not overlap: all offsets within one buffer are
-# constants, and what depends on the cable has a part of its own.
+# Rows, LANES long each. The compiler vectorises a loop only where it can prove that rows do not overlap: all offsets within one buffer are
+# constants, and values that depend on the cable have a part of their own.
 # of a cable: direction and straight part of its free span, then by its unit rate the tool's turn and move and the velocity of a point
 SPAN, STRAIGHT, TURN, MOVE, VELOCITY, CABLE_ROWS = 0, 3, 4, 7, 10, 13
-# of the place: the tool origin, a covariance (xx, yy, zz, xy, xz, yz), worst figures so far, least of what tells a sound inverse, total of
-# the radii, which keeps what is not finite
+# of the place: the tool origin, a covariance (xx, yy, zz, xy, xz, yz), worst figures so far, least indicator of a sound inverse, total of
+# the radii, which keeps non-finite values
 PLACE, COVARIANCE, WORST = 0, 3, 9
 SOUND, TOTAL, PLACE_ROWS = WORST + len(WORST_START), WORST + len(WORST_START) + 1, WORST + len(WORST_START) + 2
 
