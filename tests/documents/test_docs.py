@@ -159,7 +159,6 @@ CONSTANTS = {
     ],
     "method.md": [f"cable change of more than {screw.STRIDE_MM:g} mm"],
     "trajectory.md": [
-        f"cable change of more than {screw.STRIDE_MM:g} mm",
         f"reach {screw.TOLERANCE_MM:.0e} mm",
         f"Logs of {screw_method.COMPILING_PAYS:,} samples and more run in {lanes.WIDTH} lanes",
         f"From a worst pressure angle of {screw_method.NEARLY:g} degrees",
