@@ -29,12 +29,19 @@ STATED = (
 
 
 def read_pose_table(
-    path: Path, angles: str, columns: Mapping[str, Column] | None = None, *, unnamed: bool = False, part: bool = False
+    path: Path,
+    angles: str,
+    columns: Mapping[str, Column] | None = None,
+    *,
+    positions_alone: bool = True,
+    unnamed: bool = False,
+    part: bool = False,
 ) -> files.Table:
     """Return a table with our own columns: pose, x_mm, y_mm, z_mm, and quaternions or the angles of the convention if it has orientations.
 
     columns: assignment of columns, as in `foreign.columns_of`; pose may be called name too, or be a first column without a name. unnamed:
-    poses without names get their number, from 1. part: columns may name those of other tables too. FileFormatError names missing parts.
+    poses without names get their number, from 1. part: columns may name those of other tables too. FileFormatError names missing parts,
+    orientations too without positions_alone.
     """
     path = Path(path)
     if not columns and (not path.is_file() or path.suffix.lower() == ".parquet" or _is_ours(path)):
@@ -48,6 +55,8 @@ def read_pose_table(
     out: dict[str, pa.Array] = {"pose": pa.array(names, pa.string())}
     out |= {f"{axis}_mm": pa.array(given.numbers(axis, "mm")) for axis in PLACES}
     turns = given.orientation(convention(angles))
+    if turns is None and not positions_alone:
+        raise _without_orientations(path, angles, given.columns)
     if turns is not None:
         out |= {name: pa.array(values) for name, values in zip(QUATERNION_COLUMNS, turns.T, strict=True)}
     for name, unit in STATED:
@@ -255,7 +264,7 @@ def read_poses(
     >>> len(lm.read_poses(Path("campaign/reference_poses.csv"), "puma-oat"))
     12
     """
-    table = read_pose_table(path, angles, columns, unnamed=unnamed, part=part)
+    table = read_pose_table(path, angles, columns, positions_alone=positions_alone, unnamed=unnamed, part=part)
     turns = conventions.convention(angles).columns
     known = (*POSITION_COLUMNS, *conventions.QUATERNION_COLUMNS, *turns, "u_position_mm", "u_rotation_deg", *AXIS_COLUMNS)
     with table.every_fault(known):
@@ -283,8 +292,7 @@ def _poses_in(table: files.Table, angles: str, positions_alone: bool) -> Poses:
     elif positions_alone and not any(c in table.columns for c in _ORIENTATION_COLUMNS):
         quaternion, oriented = np.tile([0.0, 0.0, 0.0, 1.0], (len(names), 1)), False
     else:
-        needed = {"columns": ", ".join(columns), "angles": angles, "columns2": ", ".join(table.columns)}
-        raise FileFormatError(message("error.needs_the_columns_angles", where=path, **needed))
+        raise _without_orientations(path, angles, table.columns)
     try:
         poses = poses_from_rows(np.column_stack([position, quaternion]), names)
     except FileFormatError as error:
@@ -301,6 +309,17 @@ def _poses_in(table: files.Table, angles: str, positions_alone: bool) -> Poses:
     variance = np.einsum("nii->ni", covariance)
     rotation, place = np.sqrt(variance[:, :3].mean(axis=1)), np.sqrt(variance[:, 3:].mean(axis=1))
     return Poses(poses.names, poses.rows, place, rotation, covariance, oriented, absent)
+
+
+def _without_orientations(path: Path, angles: str, has: Sequence[str]) -> FileFormatError:
+    """Return the error, with the convention whose names the columns have."""
+    needed = {"columns": ", ".join(conventions.convention(angles).columns), "angles": angles, "columns2": ", ".join(filter(None, has))}
+    reason = message("error.needs_the_columns_angles", where=path, **needed)
+    bare = {name.lower().rsplit("_", 1)[0] for name in has}
+    fit = [n for n, each in conventions.CONVENTIONS.items() if {c.rsplit("_", 1)[0] for c in each.columns} <= bare]
+    return FileFormatError(
+        composed("{reason}. {fit}", reason=reason, fit=message("error.columns_of_convention", fit=", ".join(fit))) if fit else reason
+    )
 
 
 def _covariance(table: files.Table, u_position_mm: FloatArray, u_rotation_rad: FloatArray) -> FloatArray | None:

@@ -50,6 +50,16 @@ def test_angles_are_those_of_the_controller(tmp_path: Path) -> None:
     assert len(poses) == 1
 
 
+def test_a_stated_convention_states_the_unit_of_bare_angle_columns(tmp_path: Path) -> None:
+    text = "name,X [mm],Y [mm],Z [mm],A,B,C\nP1,10,20,30,40,50,60\nP2,1,2,3,-4,5,-6\n"
+    (tmp_path / "robot.csv").write_text(text)
+    (tmp_path / "ours.csv").write_text("pose,x_mm,y_mm,z_mm,a_deg,b_deg,c_deg\n" + text.partition("\n")[2])
+    bare, ours = (read_poses(tmp_path / name, "kuka-abc") for name in ("robot.csv", "ours.csv"))
+    assert np.array_equal(bare.rows, ours.rows)
+    with pytest.raises(FileFormatError, match=r"It has name, .*, A, B, C\. Its angles have the names of kuka-abc"):
+        read_poses(tmp_path / "robot.csv", "puma-oat")
+
+
 HEAD = "pose,x_mm,y_mm,z_mm,qx,qy,qz,qw"
 FILES = [
     ("pose,x_mm,y_mm,z_mm\n1,0,0,0\n", "needs the columns o_deg, a_deg, t_deg (angles = 'puma-oat') or qx, qy, qz, qw"),

@@ -206,6 +206,8 @@ class ForeignTable:
             names = [column.name for name in QUATERNION_COLUMNS if (column := self.find(name))]
             self.read_as = f"{', '.join(names)}: quaternion x, y, z, w"
             return np.asarray(out / length[:, None])
+        if preferred is not None:
+            self._columns |= self._without_units(preferred)
         chosen = self._convention(None if preferred is None else preferred.name, likely)
         if chosen is not None:
             return self._turned(chosen, gaps)
@@ -214,6 +216,13 @@ class ForeignTable:
             missing = ", ".join(name for name in QUATERNION_COLUMNS if name not in some)
             raise FileFormatError(message("error.has_but_no_a", where=self.path, some=", ".join(some), missing=missing))
         return None
+
+    def _without_units(self, convention: AngleConvention) -> dict[str, Column]:
+        """Return the columns under the bare names of a stated convention (`A, B, C`), which states their unit; empty without all three."""
+        names = [name.rsplit("_", 1)[0] for name in convention.columns]
+        own = {name.lower(): Column(name, "") for name in self._names if not self._units.get(name)}
+        missing = [name for name in names if not self.find(name, "deg")]
+        return {name: own[name] for name in missing} if own.keys() >= set(missing) else {}
 
     def _angles(self, convention: AngleConvention) -> tuple[Column, ...]:
         """Return the columns of the three angles, each with its stated unit, if any; empty if one is missing."""
