@@ -104,5 +104,5 @@ export async function draw(place, form) {
   form.addEventListener('input', follow);
   form.addEventListener('change', () => { follow(); judge(); });
   follow();
-  new ResizeObserver(paint).observe(canvas); paint();
+  new ResizeObserver(paint).observe(canvas); matchMedia('(prefers-color-scheme: dark)').addEventListener('change', paint); paint();
 }
