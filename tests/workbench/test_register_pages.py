@@ -58,7 +58,7 @@ def test_where_there_is_no_register_a_page_says_how_to_begin_one(project: Path, 
     with bench.client(tmp_path) as session:
         answer = session.get("/register")
         assert answer.status_code == 200
-        assert "--add" in answer.text
+        assert "Add a first document" in answer.text
         assert "/run/register?register_dir=register" in answer.text
         assert session.get("/run/register?register_dir=register").status_code == 200
         assert session.get("/register/due").status_code != 200
