@@ -205,8 +205,9 @@ class Search:
         out[:, led, kernels.ALPHA], out[:, led, kernels.BETA] = np.arcsin(np.clip(u_z, -1, 1)), np.arctan2(-u_x, -u_y)
         return out
 
-    def figures(self, x: FloatArray) -> FloatArray:
-        """(n, 4) worst squared speed, 95 % radius [mm], shortest and longest cable [mm] of (n, 3 f) candidates over the task."""
+    def figures(self, x: FloatArray, known: FloatArray | None = None) -> FloatArray:
+        """(n, 4) worst squared speed, 95 % radius [mm], shortest and longest cable [mm] of (n, 3 f) candidates over the task; of one whose
+        objective is above its known value, over a part of the task."""
         self.evaluations += len(x)
         plan, rows = self.plan, self.channels(x)
         if plan.channels is not None:
@@ -214,12 +215,28 @@ class Search:
             variance = np.ascontiguousarray(np.diag(plan.channels.V))
             own = variance + plan.channels.drums
             return np.asarray(kernels.worst_of_channels(rows, len(plan.cables), self.nodes, plan.quaternions, variance, own))
-        return np.asarray(kernels.worst_at_task(rows, self.positions, plan.quaternions, plan.variance, plan.weights, plan.order))
+        limits = np.full((len(x), 2), np.inf)
+        if known is not None:
+            angle = self.wanted.objective == "pressure_angle"
+            # rounding must not reject an equal one
+            with np.errstate(over="ignore"):
+                limit = 1.0 / np.cos(np.minimum(known, 0.5 * math.pi)) ** 2 if angle else np.exp(known)
+            limits[:, 0 if angle else 1] = np.where(limit < 1e9, limit * (1.0 + 1e-9), np.inf)
+        law = plan.quaternions, plan.variance, plan.weights, plan.order
+        return np.asarray(kernels.worst_at_task(rows, self.positions, *law, limits))
 
-    def worth(self, x: FloatArray) -> FloatArray:
-        """(n,) objective, the smaller the better: worst angle [rad] or logarithm of the worst radius, and a cost for broken rules."""
-        figures = self.figures(x)
+    def worth(self, x: FloatArray, known: FloatArray | None = None) -> FloatArray:
+        """(n,) objective, the smaller the better: worst angle [rad] or logarithm of the worst radius, and a cost for broken rules. known
+        (n,): values above which a candidate is rejected; one that is above gets any value above, as soon as this is certain."""
+        figures = self.figures(x, known)
         return self.value(figures) + BROKEN_PER_MM * self.broken(x, figures[:, 2], figures[:, 3])
+
+    def best_of(self, sample: FloatArray, count: int) -> FloatArray:
+        """Return the best candidates of a sample, best first."""
+        some = self.worth(sample[: 2 * count])
+        others = sample[2 * count :]
+        rest = self.worth(others, np.full(len(others), np.sort(some)[count - 1]))
+        return sample[np.argsort(np.concatenate([some, rest]))[:count]]
 
     def value(self, figures: FloatArray) -> FloatArray:
         """Return the (n,) objective of figures (n, 4), without the penalty for broken rules."""
@@ -267,22 +284,28 @@ def place(rig: Rig, wanted: Placement, seed: int = 0, progress: Progress | None 
     bounds = [(low, max(high, low + 1e-9)) for low, high in zip(search.low, search.high, strict=True)]
     start = np.clip(search.current(), search.low, search.high)
     done = 0
+    known: FloatArray | None = None
 
-    def determined(_: FloatArray, convergence: float) -> None:
-        nonlocal done
+    def determined(intermediate_result: scipy.optimize.OptimizeResult) -> None:
+        nonlocal done, known
+        # each candidate of the next generation replaces the one at its place, or is worse and forgotten
+        known = intermediate_result.population_energies.copy()
         done += 1
         if progress:
             progress(done, ROUNDS * generations)
+
+    def worth(x: FloatArray) -> FloatArray:
+        return search.worth(np.ascontiguousarray(x.T), known)
 
     results = []
     for number, stream in enumerate(np.random.SeedSequence(seed).spawn(ROUNDS)):
         random = np.random.default_rng(stream)
         sample = scipy.stats.qmc.scale(scipy.stats.qmc.Sobol(len(bounds), rng=random).random_base2(SAMPLE_BITS), *np.transpose(bounds))
-        population = sample[np.argsort(search.worth(sample))[:POPULATION]]
+        population, known = search.best_of(sample, POPULATION), None
         if number == 0:
             population[-1] = start
         own = {"maxiter": generations, "init": population, "rng": random, "callback": determined}
-        results.append(scipy.optimize.differential_evolution(lambda x: search.worth(np.ascontiguousarray(x.T)), bounds, **EVOLUTION, **own))
+        results.append(scipy.optimize.differential_evolution(worth, bounds, **EVOLUTION, **own))
         done = (number + 1) * generations
     draws = mounting_draws(search, seed)
     finalists = [_local(search, r.x, draws) for r in sorted(results, key=lambda r: r.fun)[:FINALISTS]]

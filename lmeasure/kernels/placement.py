@@ -18,42 +18,52 @@ from lmeasure.kernels.zone_lanes import scan_lanes
 
 @kernel
 def worst_at_task(
-    candidates: FloatArray, positions: FloatArray, quaternions: FloatArray, variance: FloatArray, weights: FloatArray, order: IntArray
+    candidates: FloatArray,
+    positions: FloatArray,
+    quaternions: FloatArray,
+    variance: FloatArray,
+    weights: FloatArray,
+    order: IntArray,
+    limits: FloatArray,
 ) -> FloatArray:
     """(n, 4) worst squared speed, 95 % radius [mm] from counts, shortest and longest cable [mm] of (n, m, columns) rigs.
 
     positions (m, 3), m a whole number of lanes; quaternions (k, 4); variance, weights and order (m,) as in
-    `accuracy.scan.Plan`. Places where that order is unsound are done by the pivoted kernel.
+    `accuracy.scan.Plan`. Places where that order is unsound are done by the pivoted kernel. limits (n, 2) of squared speed and radius:
+    a rig that exceeds one at some orientation is left there, with the worst figures so far; that orientation is the next rig's first.
     """
     n, m, k = candidates.shape[0], candidates.shape[1], quaternions.shape[0]
     out = np.empty((n, 4))
-    arms = np.empty((k, m, 3))
     cables, ordered, fitted = np.empty(candidates.shape[1:]), np.empty(m), np.empty(m)
-    nothing, no_ways, no_bodies, no_pairs = (
-        np.empty((k, 0, 3)),
-        np.empty((k, 0, 3)),
-        np.empty((0, BODY_COLUMNS)),
-        np.empty((0, 2), np.int64),
-    )
+    turns, no_bodies, no_pairs = np.arange(k), np.empty((0, BODY_COLUMNS)), np.empty((0, 2), np.int64)
     factor, no_points, start = np.empty((m * WIDTH, 0)), np.empty((0, 3)), np.zeros(POSE_COLUMNS)
     start[-1] = 1.0
     for i in range(n):
         for j in range(m):
             cables[j] = candidates[i, order[j]]
             ordered[j], fitted[j] = variance[order[j]], weights[order[j]] ** 2
-            for o in range(k):
-                turned = rotate((quaternions[o, 0], quaternions[o, 1], quaternions[o, 2], quaternions[o, 3]), vec(cables[j], ATTACHMENT))
-                arms[o, j, 0], arms[o, j, 1], arms[o, j, 2] = turned
-        size = platform_size(cables)
-        figures, left = scan_lanes(
-            cables, positions, arms, nothing, nothing, no_ways, no_bodies, no_pairs, ordered, fitted, size, None, arms
-        )
-        if np.any(left):
-            figures[:, left] = scan(
-                candidates[i], positions[left], quaternions, variance, weights, np.ones(m), factor, start, no_points, no_pairs, no_bodies
-            )[0]
-        out[i, 0], out[i, 1] = figures[SPEED2].max(), figures[U95_POSITION].max()
-        out[i, 2], out[i, 3] = figures[SHORTEST].min(), figures[LONGEST].max()
+        size, step = platform_size(cables), 1 if math.isfinite(limits[i, 0]) or math.isfinite(limits[i, 1]) else k
+        arms, tried, nothing = np.empty((step, m, 3)), np.empty((step, 4)), np.empty((step, 0, 3))
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = 0.0, 0.0, math.inf, 0.0
+        for first in range(0, k, step):
+            for s in range(step):
+                for c in range(4):
+                    tried[s, c] = quaternions[turns[first + s], c]
+                for j in range(m):
+                    q = tried[s]
+                    arms[s, j, 0], arms[s, j, 1], arms[s, j, 2] = rotate((q[0], q[1], q[2], q[3]), vec(cables[j], ATTACHMENT))
+            figures, left = scan_lanes(
+                cables, positions, arms, nothing, nothing, nothing, no_bodies, no_pairs, ordered, fitted, size, None, arms
+            )
+            if np.any(left):
+                figures[:, left] = scan(
+                    candidates[i], positions[left], tried, variance, weights, np.ones(m), factor, start, no_points, no_pairs, no_bodies
+                )[0]
+            out[i, 0], out[i, 1] = max(out[i, 0], figures[SPEED2].max()), max(out[i, 1], figures[U95_POSITION].max())
+            out[i, 2], out[i, 3] = min(out[i, 2], figures[SHORTEST].min()), max(out[i, 3], figures[LONGEST].max())
+            if out[i, 0] > limits[i, 0] or out[i, 1] > limits[i, 1]:
+                turns[0], turns[first] = turns[first], turns[0]
+                break
     return out
 
 
