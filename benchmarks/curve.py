@@ -184,6 +184,94 @@ def logs() -> list[list[str]]:
     return out
 
 
+def bounds() -> list[list[str]]:
+    """Rows of runs of the truth: control poses, errors of the curve, and the least that an estimate of so many control poses can have."""
+    out = []
+    for name in ("cell-run", "eight-run", "swivel-run"):
+        truth = np.loadtxt(TRUTH / name / "truth.csv.gz", delimiter=",", skiprows=1)
+        run = read_run(TRUTH / name)
+        run = replace(run, rig=run.rig.model_copy(update={"unstated": "exact"}), unstated="exact")
+        alone = name == "cell-run"
+        trajectory, _ = reconstruct_curve(zeroed_exactly(run) if alone else run)
+        reached = np.sqrt(((trajectory.poses[:, :3] - truth[:, 1:4]) ** 2).sum(axis=1).mean())
+        basis, J = sensitivities(name, truth)
+        phases = (
+            np.zeros((len(J), 0))
+            if alone
+            else np.tile(np.eye(J.shape[0] // len(truth))[:, : len(Instrument(name).cables)], (len(truth), 1))
+        )
+        least = [normal_bound(basis, np.hstack([J, phases])), interval_bound(basis, J) if alone else np.nan]
+        out.append([name, str(basis.shape[1]), *("" if np.isnan(rms) else f"{1e3 * rms:.2f}" for rms in (reached, *least))])
+    return out
+
+
+ADEQUATE_MM, LEVER_MM = 1e-4, 300.0
+FEW, SIDE = 9, 4
+
+
+def sensitivities(name: str, truth: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Basis (n, K) of quintic splines of the widest knots that miss true poses (n, 8) by less than 0.1 um, and the changes (n m, 6 K) of
+    counts by displacements (turn; shift) of their control poses, by difference quotients of the simulator."""
+    time_s, place, turn = truth[:, 0], truth[:, 1:4], Rotation.from_quat(truth[:, 4:])
+    path, off, spacing_s = np.column_stack([place, LEVER_MM * turn.as_rotvec()]), np.inf, 0.5
+    while off > ADEQUATE_MM:
+        spacing_s /= 2.0**0.25
+        knots = time_s[0] + spacing_s * np.arange(-5, int(np.ceil(np.ptp(time_s) / spacing_s)) + 6)
+        basis = BSpline.design_matrix(time_s, knots, 5, extrapolate=True).toarray()
+        left = path - basis @ np.linalg.lstsq(basis, path, rcond=None)[0]
+        off = float(np.sqrt((left**2).sum(axis=1).mean()))
+    instrument, step = Instrument(name), 1e-4 * np.eye(6) / np.repeat([LEVER_MM, 1.0], 3)
+    m, cables = len(instrument.channels), len(instrument.cables)
+    G = np.empty((len(time_s), m, 6))
+    for j in range(m):
+        for a in range(6):
+            one, other = (instrument.counts(j, place + s * step[a, 3:], Rotation.from_rotvec(s * step[a, :3]) * turn) for s in (1.0, -1.0))
+            G[:, j, a] = (one - other) / (2.0 * step[a, a])
+            if j >= cables:  # whole turns
+                per_turn = instrument.swivels[j - cables][2]["counts_per_revolution"] / (2.0 * step[a, a])
+                G[:, j, a] -= per_turn * np.rint(G[:, j, a] / per_turn)
+    return basis, np.einsum("tk,tja->tjka", basis, G).reshape(len(time_s) * m, -1)
+
+
+def normal_bound(basis: FloatArray, J: FloatArray) -> float:
+    """Root mean square [mm] of positions by the inverse of the Fisher information of normal errors of 1/12 count^2. Beyond those of
+    control poses, the columns of J are of sub-count offsets, of the same variance before the run."""
+    own = 6 * basis.shape[1]
+    information = 12.0 * J.T @ J
+    information[range(own, J.shape[1]), range(own, J.shape[1])] += 12.0
+    covariance = np.linalg.inv(information)[:own, :own].reshape(basis.shape[1], 6, -1, 6)
+    return float(np.sqrt(sum(np.einsum("tk,kl,tl->t", basis, covariance[:, a, :, a], basis) for a in (3, 4, 5)).mean()))
+
+
+def interval_bound(basis: FloatArray, J: FloatArray) -> float:
+    """Root mean square [mm] of positions at some instants by the bound of Ziv and Zakai, for counts as intervals.
+
+    Two motions that differ by h along a direction of control poses cannot be told apart with probability prod(1 - |J h|), where the places
+    within a count are independent and uniform. Then an estimate errs by h / 2 at least. So its mean square error is at least the
+    integral of h / 2 times that probability. Any direction gives a bound: that of the least |J h| about the instant is taken.
+    """
+    m, squares = len(J) // len(basis), []
+    for i in np.linspace(0, len(basis) - 1, FEW).astype(int):
+        acting = np.flatnonzero(basis[i])
+        acting = np.arange(max(acting[0] - SIDE, 0), min(acting[-1] + SIDE + 1, basis.shape[1]))
+        rows = np.flatnonzero(basis[:, acting].any(axis=1))
+        A = J.reshape(len(basis), m, -1, 6)[rows][:, :, acting].reshape(len(rows) * m, -1)
+        total = 0.0
+        for a in (3, 4, 5):
+            e, weight, best = np.zeros((len(acting), 6)), np.ones(len(A)), np.full(len(A), np.inf)
+            e[:, a] = basis[i, acting]
+            for _ in range(8):  # least sum of sizes, by weights
+                h = np.linalg.solve(A.T @ (weight[:, None] * A), e.ravel())
+                moved = np.abs(A @ h) / (e.ravel() @ h)
+                best = moved if moved.sum() < best.sum() else best
+                weight = 1.0 / np.maximum(moved, 1e-3 * moved.mean())
+            h = np.linspace(0.0, min(1.0 / best.max(), 40.0 / best.sum()), 1001)
+            alike = np.exp(np.log1p(-np.minimum(h[:, None] * best, 1.0 - 1e-12)).sum(axis=1))
+            total += float(np.trapezoid(0.5 * h * alike, h))
+        squares.append(total)
+    return float(np.sqrt(np.mean(squares)))
+
+
 def peers() -> list[list[str]]:
     """Rows of one motion by the curve, by SciPy's smoothing splines on poses, and by a dense least squares, with processor seconds."""
     out = []
@@ -280,6 +368,17 @@ def page(records: list[dict[str, Any]]) -> tuple[str, bool]:
         "`make_smoothing_spline` on these poses.",
         "",
         table(head, sizes),
+        "",
+        "## Bounds",
+        "",
+        "Error of the curve in three runs of the truth, and the least error that an estimate of so many control poses has on average.",
+        "The knots are the widest ones whose spline misses the true motion by less than 0.1 um. The Cramér-Rao bound takes roundings as",
+        "independent normal errors of 1/12 count². Counts are intervals, and a uniform error has no Fisher information, so an estimate",
+        "may fall below it. The bound of Ziv and Zakai is for intervals, with independent uniform positions within a count. Neither uses",
+        "that the motion is smooth beyond these knots. Where sub-count offsets are unknown, a run has one draw of them, and the bound",
+        "is the mean of all draws.",
+        "",
+        table(["run", "control poses", "curve, rms [um]", "Cramér-Rao [um]", "Ziv-Zakai [um]"], bounds()),
         "",
         "## Uncertainties of characteristics",
         "",

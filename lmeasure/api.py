@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from lmeasure.iso9283 import Campaign as TestCampaign, CertificationSettings, Evaluation
     from lmeasure.recording import Program
     from lmeasure.report import Figure
+    from lmeasure.robots import RobotModel
     from lmeasure.simulation import Scenario, Simulated, SimulatedCampaign, SimulatedRun
     from lmeasure.structure import Described, Linkage, Workspace
     from lmeasure.text import Message
@@ -162,6 +163,8 @@ def reconstruct_curve(
     constraint: str | None = None,
     *,
     spacing_s: float | None = None,
+    joints: File | None = None,
+    robot: "RobotModel | File | None" = None,
     rig: "Rig | Calibration | File | None" = None,
 ) -> "tuple[Trajectory, Curve]":
     """Compute the tool's trajectory in continuous time: poses, velocities and accelerations at any time, with covariances.
@@ -174,6 +177,10 @@ def reconstruct_curve(
         "planar" or "vertical-axis": motion that the mechanism allows. It replaces the rig's own constraint.
     spacing_s
         Interval of the curve's knots [s]; None: chosen from the readings.
+    joints
+        Joint log of the robot (time_s, joint_1_deg, ...), a prior of the curve's shape.
+    robot
+        Robot of the log: a name such as "ur5", a robot.toml, or a model.
     rig
         Rig, with its calibration, that replaces the run's own.
 
@@ -185,17 +192,27 @@ def reconstruct_curve(
     Raises
     ------
     LMeasureError
-        If the counts cannot determine the poses or a curve. The message names sample, cable and limit.
+        If the counts cannot determine the poses or a curve, or the log shows another motion. The message names sample, cable and limit.
 
     Examples
     --------
     >>> trajectory, curve = lm.reconstruct_curve(simulated, rig=calibration)
     >>> trajectory.poses.shape, curve.at(0.1).rates.shape
     ((58, 7), (1, 4, 6))
+    >>> trajectory, curve = lm.reconstruct_curve("run", joints="log.csv", robot="ur5")  # doctest: +SKIP
     """
     from lmeasure.trajectory import reconstruct_curve as trajectory_reconstruct_curve
 
-    return trajectory_reconstruct_curve(_run(run, rig), constraint, spacing_s=spacing_s, judge=explained)
+    log = None
+    if joints is not None or robot is not None:
+        from lmeasure.robots import any_shipped, read_joint_log, read_robot
+
+        if joints is None or robot is None:
+            raise TypeError("joints and robot go together")
+        if isinstance(robot, Path | str):
+            robot = (read_robot(Path(robot)) if Path(robot).suffix else any_shipped(str(robot))).model
+        log = read_joint_log(Path(joints), robot)
+    return trajectory_reconstruct_curve(_run(run, rig), constraint, spacing_s=spacing_s, joints=log, judge=explained)
 
 
 def explained(reconstruction: "Reconstruction") -> "tuple[Message, ...]":

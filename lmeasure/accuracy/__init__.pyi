@@ -1,3 +1,4 @@
+from .dither import dither_gain as dither_gain
 from .limits import REASONS as REASONS, Limits as Limits, limit_from_accuracy as limit_from_accuracy, read_bodies as read_bodies
 from .placement import (
     GENERATIONS as GENERATIONS,

@@ -18,6 +18,7 @@ from .program.campaign import (
     Tests as Tests,
     campaign as campaign,
     cube_in_zone as cube_in_zone,
+    dithered as dithered,
     duration_s as duration_s,
     largest_cube as largest_cube,
     timed as timed,

@@ -157,7 +157,7 @@ def _commanded(program: Program, name: str) -> FloatArray:
 
 def _poses(trajectory: Trajectory, program: Program, frame: Frame, still_mm: float) -> dict[str, AttainedPose]:
     return {
-        p.name: attain(p.name, _commanded(program, p.name), p.windows_s, trajectory, frame=frame, still_mm=still_mm)
+        p.name: attain(p.name, _commanded(program, p.name), p.windows_s, trajectory, frame=frame, still_mm=still_mm, dither_s=p.dither_s)
         for p in program.pose
         if p.windows_s
     }

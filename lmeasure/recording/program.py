@@ -94,9 +94,15 @@ class CommandedPose(_Run):
     """Times [before arrival, at rest], one per cycle, for stabilisation time and overshoot (7.4, 7.5)."""
     limit_band_mm: Positive | None = None
     """Limit band around the final pose for the same; default: the pose repeatability."""
+    dither_mm: Vector | None = None
+    """Largest displacements of the tool in the swings about the pose while it is measured, base frame."""
+    dither_s: Positive | None = None
+    """Duration of one swing to and fro; needs dither_mm."""
 
     @model_validator(mode="after")
     def _one_per_window(self) -> Self:
+        if (self.dither_mm is None) != (self.dither_s is None):
+            raise ValueError(message("error.dither_needs_both"))
         for key in ("approaches", "units"):
             given = getattr(self, key)
             if given and self.windows_s and len(given) != len(self.windows_s):

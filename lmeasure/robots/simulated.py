@@ -96,7 +96,7 @@ class Mounted:
             raise RobotError(message("error.sample_no_pose_of", every=every * int(np.argmax(lost)), name=self.robot.name))
 
 
-Role = Literal["pose", "settling", "path", "posing", "compliance"]
+Role = Literal["pose", "settling", "path", "posing", "compliance", "dither"]
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,8 @@ class Command:
     """Go from where the tool is through (k, 7) poses [mm, base frame] at a constant speed, and rest at the last.
 
     target: the pose, path, posing or loaded pose (role) of the program that is measured, empty on the way to one; cycle counts from 1. The
-    tool origin runs straight between the poses; where only the orientation changes, it turns at rotation_rad_s. load_kg hangs from the
-    tool, force_n (3,) [N, base frame] pulls at it.
+    tool origin runs straight between the poses; where only the orientation changes, it turns at rotation_rad_s. A dither is small swings
+    about the pose at which the tool rests. load_kg hangs from the tool, force_n (3,) [N, base frame] pulls at it.
     """
 
     poses: FloatArray
@@ -226,7 +226,7 @@ class SimulatedRobot:
         time_s = np.arange(n) / rate_hz
         out = np.empty((n, 7))
         joints = self._servo(requested, rate_hz)
-        errors = self._errors(requested, spans, rate_hz, rng)
+        errors = self._errors(requested, commands, spans, rate_hz, rng)
         first = np.concatenate([[0], [math.ceil(span.begin_s * rate_hz) for span in spans[1:]], [n]]).astype(int)
         for i, command in enumerate(commands):
             part = slice(first[i], first[i + 1])
@@ -262,12 +262,16 @@ class SimulatedRobot:
             out[:, i] = requested[0, i] + lfilter(numerator[0], denominator, requested[:, i] - requested[0, i])
         return out
 
-    def _errors(self, requested: FloatArray, spans: Sequence["Span"], rate_hz: float, rng: np.random.Generator) -> FloatArray:
-        """(n, 6) errors of the joints: drawn once for each command, taken up while it moves, kept while it rests."""
+    def _errors(
+        self, requested: FloatArray, commands: Sequence[Command], spans: Sequence["Span"], rate_hz: float, rng: np.random.Generator
+    ) -> FloatArray:
+        """(n, 6) errors of the joints: drawn once for each command, taken up while it moves, kept while it rests or swings."""
         axes = self.nominal.axes_count
         noise = rng.normal(size=(len(spans), axes)) * self.joint_noise_rad
         knots, values = [0.0], [np.zeros(axes)]
-        for span, drawn in zip(spans, noise, strict=True):
+        for command, span, drawn in zip(commands, spans, noise, strict=True):
+            if command.role == "dither":
+                continue
             end = min(round(span.arrival_s * rate_hz), len(requested) - 1)
             before = max(round((span.arrival_s - sum(self.ramp_s) - APPROACH_S) * rate_hz), 0)
             way = requested[end] - requested[before]

@@ -34,7 +34,7 @@ from .motion.attained_poses import (
 )
 from .motion.motion import FULL as FULL, WIDEST_S as WIDEST_S, Motion as Motion, motion_of as motion_of, write_motion as write_motion
 from .motion.spectrum import Vibration as Vibration
-from .motion.vibration import averaged as averaged, with_rest as with_rest
+from .motion.vibration import averaged as averaged, kept_on as kept_on, with_rest as with_rest
 from .origin.origins import estimate_origins as estimate_origins
 from .origin.start import enough_absolute as enough_absolute
 from .reconstruction.live import LivePose as LivePose, PoseWatch as PoseWatch

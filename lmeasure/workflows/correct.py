@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from lmeasure.core import FloatArray
-    from lmeasure.iso9283 import Cube
+    from lmeasure.iso9283 import Campaign, Cube
     from lmeasure.linkages import PathBounds
     from lmeasure.recording import Program
     from lmeasure.robot_programs import Corrected, Dialect, Listing
@@ -297,6 +297,14 @@ class ProgramSettings(Writing):
     loads: Annotated[Numbers, option("Loads of pose and path tests, kg; all other tests use the first.", unit="kg")] = (0.0,)
     cycles: Annotated[str | None, option("Numbers of cycles, if not the standard's (pose=30, path=10, ...).", metavar="TEST=N,...")] = None
     dwell: Annotated[float, option("Rest time at a measured pose, s.", unit="s")] = 1.5
+    dither: Annotated[
+        float | None,
+        option(
+            "Swing the tool about each measured pose by this to each side along x, y, z, mm: its mean is finer than a count. "
+            "With --rig it says what this brings.",
+            unit="mm",
+        ),
+    ] = None
     angles: Annotated[str | None, option("Convention of component-wise angles; default the rig's.")] = None
     limit_band: Annotated[
         float, option("Distance from a pose that counts as arrival, for stabilisation and posing time, mm.", unit="mm")
@@ -370,7 +378,7 @@ def run_program(settings: ProgramSettings, progress: Progress = silent) -> Resul
         limit_band_mm=settings.limit_band,
         angles=settings.angles,
     )
-    plan = campaign(cube, chosen)
+    plan, dither_lines, dither_figures = _with_dither(settings, campaign(cube, chosen), chosen.settle_s)
     write_campaign(settings.out, plan)
     _record(settings, plan.program)
     minutes = duration_s(plan) / 60.0
@@ -383,10 +391,33 @@ def run_program(settings: ProgramSettings, progress: Progress = silent) -> Resul
                 "workflow.program", poses=len(plan.program.pose), paths=len(plan.program.path), commands=len(plan.commands), lasts=lasts
             ),
             message("workflows.program_toml_commands_csv", folder=settings.out),
+            *dither_lines,
             *_returns(settings, plan.program),
         ),
-        {"edge_mm": float(cube.edge_mm), "minutes": minutes},
+        {"edge_mm": float(cube.edge_mm), "minutes": minutes, **dither_figures},
     )
+
+
+def _with_dither(settings: ProgramSettings, plan: "Campaign", settle_s: float) -> "tuple[Campaign, list[Message], dict[str, float]]":
+    """Return the campaign with the requested swings about its poses, and what they bring."""
+    import numpy as np
+
+    from lmeasure.accuracy import dither_gain
+    from lmeasure.iso9283 import dithered
+    from lmeasure.rig import read_rig
+
+    if settings.dither is None:
+        return plan, [], {}
+    measured = [c.poses[-1] for c in plan.commands if c.target and c.role == "pose"]
+    if not measured:
+        raise SettingsError("dither", message("error.dither_no_pose"))
+    plan = dithered(plan, settings.dither, settle_s)
+    if settings.rig is None:
+        return plan, [message("workflow.dither_no_rig")], {}
+    rest, swinging = dither_gain(read_rig(settings.rig), np.unique(np.array(measured), axis=0), settings.dither)
+    worst = int(np.argmax(swinging))
+    figures = {"u_rest_um": 1e3 * float(rest[worst]), "u_dither_um": 1e3 * float(swinging[worst])}
+    return plan, [message("workflow.dither", mm=settings.dither, **figures)], figures
 
 
 def _record(settings: ProgramSettings, program: "Program", moving: "tuple[FloatArray, FloatArray] | None" = None) -> None:

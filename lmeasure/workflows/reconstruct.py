@@ -34,7 +34,7 @@ from lmeasure.workflows.settings import (
 
 if TYPE_CHECKING:
     from lmeasure.recording import Run, RunHead, StatedStart
-    from lmeasure.trajectory import Each, JointLog, Motion, Trajectory, Vibration
+    from lmeasure.trajectory import Each, Motion, Trajectory, Vibration
 
 
 FIRST_PART = "part-00000.parquet"
@@ -89,7 +89,7 @@ class ReconstructSettings(Writing):
 @workflow
 def run_reconstruct(settings: ReconstructSettings, progress: Progress = silent) -> Result:
     """Reconstruct and write, piece by piece if possible: then the result is a summary, as the whole is never in memory."""
-    from lmeasure.api import explained
+    from lmeasure.api import explained, reconstruct_curve
     from lmeasure.recording import read_run, read_run_head, stated_start
     from lmeasure.trajectory import can_stream, reconstruct, reconstruct_stream
 
@@ -110,10 +110,11 @@ def run_reconstruct(settings: ReconstructSettings, progress: Progress = silent) 
         return Result(summary, tuple(summary.text().splitlines()), summary.figures())
     recorded = read_run(settings.run, settings.rig, stated)
     if settings.continuous:
-        from lmeasure.trajectory import reconstruct_curve, write_curve
+        from lmeasure.trajectory import write_curve
+        from lmeasure.workflows.identify import nominal
 
-        joints = None if settings.joints is None else joint_log(settings.joints, settings.robot)
-        trajectory, curve = reconstruct_curve(recorded, settings.constraint, joints=joints, judge=explained)
+        robot = None if settings.robot is None else nominal(settings.robot).model
+        trajectory, curve = reconstruct_curve(recorded, settings.constraint, joints=settings.joints, robot=robot)
         write_curve(settings.curve, curve)
         return _written(settings, recorded, trajectory, progress)
     trajectory = reconstruct(
@@ -133,15 +134,6 @@ def check_joints(joints: Path | None, robot: str | None, *, continuous: bool) ->
     for name, value, needed in (("joints", joints, robot), ("robot", robot, joints)):
         if value is not None and (needed is None or not continuous):
             raise SettingsError(name, message("curve.log_options"))
-
-
-def joint_log(path: Path, robot: str | None) -> "JointLog":
-    """Return the motion of the flange by a joint log and its robot."""
-    from lmeasure.robots import read_joint_log
-    from lmeasure.workflows.identify import nominal
-
-    assert robot is not None
-    return read_joint_log(path, nominal(robot).model)
 
 
 def _in_parts(settings: ReconstructSettings, head: "RunHead", progress: Progress, *, whole: bool) -> Result:

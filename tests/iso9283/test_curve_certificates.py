@@ -10,6 +10,7 @@ from cornering import cornering
 from in_process import refused
 from moving_robot import TRUTH, Cornering, FreeRunning, Instrument
 
+import lmeasure as lm
 from lmeasure.cli.app import main
 from lmeasure.iso9283 import CertificationSettings, Evaluation, evaluate
 from lmeasure.recording import read_counts, write_program, write_run
@@ -104,6 +105,10 @@ def test_a_certificate_says_that_a_joint_log_was_used_and_gives_results_without_
     assert "go together, and with --continuous" in capsys.readouterr().err
     assert command("reconstruct", folder, "--out", out, *by) == 0
     assert "the joint log joints.csv is " in capsys.readouterr().out
+    trajectory, _ = lm.reconstruct_curve(folder, joints=log, robot=robot)
+    np.testing.assert_allclose(lm.read_trajectory(Path(out)).poses, trajectory.poses, atol=1e-9)
+    with pytest.raises(TypeError, match="joints and robot go together"):
+        lm.reconstruct_curve(folder, joints=log)
     sealed = ["--program", str(tmp_path / "program.toml"), "--run", folder, "--out", str(tmp_path / "sealed"), "--trials", "100"]
     assert command("certify", out, *sealed, *by) == 0
     assert command("verify", str(tmp_path / "sealed")) == 0, capsys.readouterr()

@@ -13,6 +13,7 @@ from lmeasure.iso9283.clause import Clause, IsoTest, Quantity, SampleErrors
 from lmeasure.iso9283.figure import ANGLES, Figure, Maker, Subject, angle_rates, angles_deg
 from lmeasure.iso9283.uncertainty import Part, reduction, reduction_of_mean
 from lmeasure.recording import Program
+from lmeasure.text import message
 from lmeasure.trajectory import AttainedPose, PoseErrors, averaged, of_dwells, with_rest
 
 ZERO = np.zeros(3)
@@ -61,6 +62,10 @@ def tests(attained: Attainment) -> Iterator[PoseTest]:
         if pose.name in attained.poses:
             found = attained.poses[pose.name]
             convention, findings = attained.convention_of_pose(found)
+            if pose.dither_mm is not None:
+                hz, size = found.vibration.dither_hz, max(map(abs, pose.dither_mm))
+                code = "iso.dither_found" if hz else "iso.dither_missing"
+                findings = (*findings, message(code, pose=pose.name, mm=size, period_s=1.0 / hz if hz else pose.dither_s))
             yield PoseTest(
                 subject=Subject("pose", pose.name),
                 windows=pose.windows_s,

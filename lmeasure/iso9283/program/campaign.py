@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -174,6 +174,16 @@ CIRCLE_STEPS = 720
 """Straight pieces of a circle as it is run: a thousandth of a millimetre off it at 100 mm."""
 LOAD_STEPS = 10
 DRIFT_GROUP = 10
+SWING_S = 1.0
+"""Duration of one swing of a dither: slow for servos."""
+LARGEST_DITHER_MM = 0.1
+"""Along each axis, up to which the robot counts as at rest."""
+SWINGS = 2
+"""Least number of swings in a rest."""
+_TURNS = np.array([2, 3, 6, 9, 10, 14, 15, 18, 21, 22, 24]) / 24.0
+"""Parts of a swing after which triangular waves of one, two and three periods turn, and its end."""
+EDGE_S = 0.15
+"""Part of a dither at either end, where the robot speeds up and slows down."""
 
 
 @dataclass(frozen=True)
@@ -196,6 +206,37 @@ def campaign(cube: Cube, tests: Tests) -> Campaign:
     program = Program.model_validate({"schema_": "lmeasure.program/1", "name": "ISO 9283 test cube", "angles": tests.angles, **tables})
     home = Command(points["P1"][None], tests.at(tests.speed_mm_s), 0.0)
     return Campaign(program, (*(c for part in parts for c in part.commands), home), points["P1"])
+
+
+def dithered(plan: Campaign, size: float, settle_s: float) -> Campaign:
+    """Return the campaign with slow swings by size [mm] to both sides along x, y and z about each measured pose, after a rest of settle_s.
+
+    Rounded counts of a swing average below the count; those of a rest do not. In one period there are one, two and three triangular waves
+    along the axes, so every channel moves, by straight lines at one speed. CertificationError if the rests are too short, or the swings so
+    large that the robot does not count as at rest.
+    """
+    if not 0.0 < size <= LARGEST_DITHER_MM:
+        raise CertificationError(message("error.dither_size", size=size, largest=LARGEST_DITHER_MM))
+    waves = np.arange(1.0, 4.0)
+    away = size * 2.0 / np.pi * np.arcsin(np.sin(2.0 * np.pi * _TURNS[:, None] * waves))
+    speed = 4.0 * size * float(np.linalg.norm(waves)) / SWING_S
+    commands: list[Command] = []
+    swinging = set()
+    for command in plan.commands:
+        if command.role != "pose" or not command.target:
+            commands.append(command)
+            continue
+        swings = math.floor((command.dwell_s - settle_s) / SWING_S + 1e-9)
+        if swings < SWINGS:
+            raise CertificationError(message("error.dither_short", dwell_s=command.dwell_s, least_s=settle_s + SWINGS * SWING_S))
+        poses = np.tile(command.poses[-1], (swings * len(_TURNS), 1))
+        poses[:, :3] += np.tile(away, (swings, 1))
+        commands.append(replace(command, dwell_s=settle_s, target=""))
+        commands.append(replace(command, poses=poses, speed_mm_s=speed, dwell_s=0.0, role="dither"))
+        swinging.add(command.target)
+    stated = {"dither_mm": (size, size, size), "dither_s": SWING_S}
+    poses_of = tuple(p.model_copy(update=stated) if p.name in swinging else p for p in plan.program.pose)
+    return Campaign(plan.program.model_copy(update={"pose": poses_of}), tuple(commands), plan.start)
 
 
 @dataclass(frozen=True)
@@ -448,7 +489,7 @@ def timed(program: Program, performance: Performance, settle_s: float) -> Progra
     """The program with the windows in which a robot ran it.
 
     A pose is measured from settle_s after its setpoint arrived until the rest ends; settling and posing from the departure to the end of
-    the rest; a path from its departure until settle_s after its setpoint arrived.
+    the rest; a path from its departure until settle_s after its setpoint arrived; a dither without its ends.
     """
     windows: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for command, span in zip(performance.commands, performance.spans, strict=True):
@@ -459,6 +500,7 @@ def timed(program: Program, performance: Performance, settle_s: float) -> Progra
             "compliance": {"compliance": at_rest},
             "posing": {"posing": whole},
             "path": {"path": (span.begin_s, min(at_rest[0], span.end_s))},
+            "dither": {"pose": (span.begin_s + EDGE_S, span.arrival_s - EDGE_S)},
         }
         for kind, window in ways[command.role].items() if command.target else ():
             windows.setdefault((kind, command.target), []).append(window)

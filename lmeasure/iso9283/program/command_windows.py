@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from lmeasure.core import BoolArray, CertificationError, FloatArray, IntArray
 from lmeasure.io import files
 from lmeasure.iso9283.motion_readings import FARTHEST_MM
+from lmeasure.iso9283.program.campaign import EDGE_S
 from lmeasure.iso9283.program.command_files import read_commands
 from lmeasure.recording import Program
 from lmeasure.robots import Command
@@ -79,12 +80,12 @@ def windows_from_rests(
     """Return the program with the windows of a trajectory that ran the commands of a commands.csv, all of them and in their order, and
     remarks on the run.
 
-    A command that leaves the tool where it rests shares that rest. A pose is measured over the last half of its rest; posing from the end
-    of the rest before, settling from the farthest point since; a path from the end of the rest before until its own rest begins. align: the
-    trajectory is in a frame of its own, which is found from the distances between rests. Forces at one place leave no rests apart: loaded,
-    a table with start_s and end_s of each force in the commands' order, gives their times, else the windows_s that the program's
-    [[compliance]] states already. CertificationError names the first command that is not found, or the row of a force with impossible
-    times.
+    A command that leaves the tool where it rests shares that rest. A pose is measured over the last half of its rest, or its dither; posing
+    from the end of the rest before, settling from the farthest point since; a path from the end of the rest before until its own rest
+    begins. align: the trajectory is in a frame of its own, which is found from the distances between rests. Forces at one place leave no
+    rests apart: loaded, a table with start_s and end_s of each force in the commands' order, gives their times, else the windows_s that the
+    program's [[compliance]] states already. CertificationError names the first command that is not found, or the row of a force with
+    impossible times.
     """
     if len(trajectory.time_s) == 0:
         raise CertificationError(message("error.the_trajectory_has_no_sample", where=commands))
@@ -131,6 +132,9 @@ def windows_from_rests(
         }
         for kind, window in ways[every[i].role].items() if target else ():
             windows.setdefault((kind, target), []).append(window)
+        if i + 1 < len(every) and every[i + 1].role == "dither":
+            lasts = float(every[i + 1].durations(every[i].poses[-1]).sum())
+            windows.setdefault(("pose", every[i + 1].target), []).append((max(end - lasts, begin) + EDGE_S, end - EDGE_S))
         before = end
     notes = () if PACE[0] <= pace <= PACE[1] else (message("ran.pace", percent=100.0 * pace),)
     return program.with_windows(windows), notes
@@ -164,6 +168,10 @@ def _expected(every: Sequence[Command], forces: dict[int, tuple[float, float]], 
     start, way, lasts, least = every[0].poses[0], 0.0, 0.0, -np.inf
     leasts = []
     for i, command in enumerate(every):
+        if command.role == "dither":
+            # the robot counts as at rest
+            rows[-1] = (*rows[-1][:2], rows[-1][2] + float(command.durations(start).sum()), *rows[-1][3:])
+            continue
         steps = np.linalg.norm(np.diff(np.vstack([start[:3], command.poses[:, :3]]), axis=0), axis=1)
         way, lasts = way + float(steps.sum()), lasts + float(command.durations(start).sum())
         start = command.poses[-1]

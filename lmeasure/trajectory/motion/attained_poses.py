@@ -198,8 +198,17 @@ def dwell(trajectory: Trajectory, frame: Frame, start_s: float, end_s: float, *,
     return part, poses
 
 
-def attain(name: str, commanded: FloatArray, windows: Windows, trajectory: Trajectory, *, frame: Frame, still_mm: float) -> AttainedPose:
-    """The attained poses of one commanded pose (7,), one per window."""
+def attain(
+    name: str,
+    commanded: FloatArray,
+    windows: Windows,
+    trajectory: Trajectory,
+    *,
+    frame: Frame,
+    still_mm: float,
+    dither_s: float | None = None,
+) -> AttainedPose:
+    """The attained poses of one commanded pose (7,), one per window: means, or the middles of a stated dither of a period dither_s."""
     rows, middles, sampled, readings, worst = [], [], [], [], np.nan
     for cycle, (start, end) in enumerate(windows, 1):
         part, poses = dwell(trajectory, frame, start, end, still_mm=still_mm, what=f"pose {name}, cycle {cycle}")
@@ -210,8 +219,11 @@ def attain(name: str, commanded: FloatArray, windows: Windows, trajectory: Traje
         sampled.append((trajectory.time_s[part], displacements(poses) if changed.any() else np.zeros((len(poses), 6))))
         worst = float(np.fmax.reduce(trajectory.worst_pressure_angle_deg[part], initial=worst))
     times = np.array([0.5 * (start + end) for start, end in windows])
-    attained = np.array(rows), times, np.array(middles, dtype=np.int64)
-    return AttainedPose(name, commanded, *attained, vibration(sampled), np.array(readings), worst)
+    swings, poses = vibration(sampled, dither_s), np.array(rows)
+    if swings.dither_hz:
+        turned = poses[:, 3:] if np.isnan(poses[0, 3]) else se3.displaced(poses, swings.middles)[:, 3:]
+        poses = np.hstack([poses[:, :3] + swings.middles[:, 3:], turned])
+    return AttainedPose(name, commanded, poses, times, np.array(middles, dtype=np.int64), swings, np.array(readings), worst)
 
 
 def worst_angle(trajectory: Trajectory, windows: Windows, what: str) -> float:

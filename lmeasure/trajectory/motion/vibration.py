@@ -11,6 +11,9 @@ over the samples - at most 1 / (pi f T) of f T periods, all of it in a window mu
 the signal, a sum of cosines, for the mean of so many samples. The autocorrelation of a dwell about its own mean sums to zero for any
 signal, and does not determine it: hence the fit, with frequencies that all dwells of a pose share and amplitudes of each dwell's own.
 
+A dither is a swing that the program states, of triangular waves along x, y and z, one, two and three in each period. Its middle is the
+rest, so the fitted constant is the attained pose, and the window's mean misses nothing. K of each length follows from its own motion.
+
 Counts are rounded along the swing m(t) (counts of a cable) and not anew at every sample: a rounding error is a sawtooth of the length, and
 the mean of many of them keeps of the variance of one
 
@@ -43,6 +46,11 @@ HARMONICS = np.arange(1, 33)
 SIZES = np.concatenate([np.linspace(0.0, 0.5, 26), np.geomspace(0.52, 40.0, 60)])  # Sizes of vibration [counts, rms] at which K is computed
 MOST_SHAPES = 8  # Dwells for its shape
 
+PACES = np.geomspace(0.5, 1.25, 301)  # Of a stated dither's frequency: turning round takes a robot some time
+OVERTONES = np.arange(1, 10)  # Of its fundamental, by which its shape is fitted
+STATED = 0.5  # Of the squares that waves along three axes explain at least where the robot carries out a dither
+NEAR = np.linspace(0.85, 1.15, 13)  # Sizes of a dither over the measured one: K has zeros and maxima, and the largest counts
+
 WIGGLES = 3.0  # Standard uncertainties of a curve that it may move by in a dwell though the robot rests
 
 
@@ -58,11 +66,18 @@ class Swing:
 
 @dataclass(frozen=True)
 class Vibration:
-    """The dwells of a pose: swings, one each; of_mean (6, 6): covariance of a dwell's mean about the rest; frequencies_hz."""
+    """The dwells of a pose: swings, one each; of_mean (6, 6): covariance of a dwell's mean about the rest; frequencies_hz. dither_hz: that
+    of a stated dither, 0 where there is none. Its middles are the rests (n, 6), displacements from the means."""
 
     swings: tuple[Swing, ...]
     of_mean: FloatArray
     frequencies_hz: tuple[float, ...] = ()
+    dither_hz: float = 0.0
+
+    @property
+    def middles(self) -> FloatArray:
+        """Return the displacements (n, 6) of the rests from the means, by a dither; else zero."""
+        return np.array([-s.missed if self.dither_hz else np.zeros(6) for s in self.swings])
 
     def alike(self, groups: IntArray) -> float:
         """Return the part of the means' errors that is common to dwells of one group (n,): all of it if they swing in the same phase."""
@@ -76,9 +91,15 @@ class Vibration:
         return float(np.clip(together / whole, 0.0, 1.0)) if whole > 0.0 else 0.0
 
 
-def vibration(dwells: Sequence[tuple[FloatArray, FloatArray]]) -> Vibration:
-    """Return the swings in dwells of one pose: times (k,) [s] and displacements (k, 6) (rotation [rad]; position [mm]) from their mean."""
-    found = _frequencies([(t - t.mean(), x * LEVER) for t, x in dwells])
+def vibration(dwells: Sequence[tuple[FloatArray, FloatArray]], dither_s: float | None = None) -> Vibration:
+    """Return the swings in dwells of one pose: times (k,) [s] and displacements (k, 6) (rotation [rad]; position [mm]) from their mean.
+
+    dither_s: period of a dither that the program states.
+    """
+    centred = [(t - t.mean(), x * LEVER) for t, x in dwells]
+    dither = 0.0 if dither_s is None else _dither(centred, dither_s)
+    stated: list[float] = (dither * OVERTONES).tolist() if dither else []
+    found = [*stated, *_frequencies(centred, stated)]
     swings, squares, missed = [], np.zeros((6, 6)), np.zeros((6, 6))
     for time_s, away in dwells:
         t = time_s - time_s.mean()
@@ -91,13 +112,45 @@ def vibration(dwells: Sequence[tuple[FloatArray, FloatArray]]) -> Vibration:
         left = away - fit[0] - motion
         freedom = max(len(t) - design.shape[1], 1)
         swings.append(Swing(motion - motion.mean(axis=0), left.T @ left / freedom, -fit[0]))
-        for f, pair in zip(hz, fit[1:].reshape(-1, 2, 6), strict=True):
+        for f, pair in list(zip(hz, fit[1:].reshape(-1, 2, 6), strict=True))[len(stated) :]:
             squares += 0.5 * _of_mean(f, t) * pair.T @ pair
-        missed += np.outer(fit[0], fit[0])
+        missed += 0.0 if dither else np.outer(fit[0], fit[0])
     # vibration of one phase has a larger or smaller error than the average over phases: at least the observed one
     size, seen = (float(np.trace(m * LEVER * LEVER[:, None])) for m in (squares, missed))
     more = max(1.0, seen / size) if size > 0.0 else 1.0
-    return Vibration(tuple(swings), more * squares / max(len(dwells), 1), tuple(found))
+    if dither:
+        swings = _alike_in_all(swings, [t for t, _ in centred], dither)
+    return Vibration(tuple(swings), more * squares / max(len(dwells), 1), tuple(found), dither)
+
+
+def _alike_in_all(swings: list[Swing], times: Sequence[FloatArray], hz: float) -> list[Swing]:
+    """Return the swings of a dither with the mean motion of all dwells, each in its own phase, at times (k,) about zero.
+
+    The fit of a single dwell follows its rounded counts.
+    """
+    waves = [np.exp(2j * np.pi * hz * np.outer(OVERTONES, t)) for t in times]
+    fits = [np.linalg.lstsq(np.hstack([w.real.T, -w.imag.T]), s.motion, rcond=1e-6)[0] for w, s in zip(waves, swings, strict=True)]
+    sizes = np.array([fit[: len(OVERTONES)] + 1j * fit[len(OVERTONES) :] for fit in fits])
+    phases = np.angle((sizes[:, 0] * LEVER**2 * sizes[0, 0].conj()).sum(axis=1))
+    turned = np.exp(1j * np.outer(phases, OVERTONES))
+    mean = (sizes * turned.conj()[:, :, None]).mean(axis=0)
+    motions = [np.real((wave * turn[:, None]).T @ mean) for wave, turn in zip(waves, turned, strict=True)]
+    return [replace(s, motion=m - m.mean(axis=0)) for s, m in zip(swings, motions, strict=True)]
+
+
+def _dither(dwells: Sequence[tuple[FloatArray, FloatArray]], period_s: float) -> float:
+    """Return the frequency [Hz] of a dither of about a period, in times (k,) about zero and displacements (k, 6) [mm]; 0 where the robot
+    does not carry it out, or a window is shorter than one period."""
+    moving = [_fewer(t, x) for t, x in dwells if len(t) >= 2 * (2 * len(OVERTONES) + 1)]
+    square = sum(float((x**2).sum()) for _, x in moving)
+    if len(moving) < len(dwells) or square == 0.0:
+        return 0.0
+    grid = PACES / period_s
+    waves = (1, 2, 3)
+    explained = np.sum([_explained(np.exp(-2j * np.pi * np.outer(n * grid, t)), x) for t, x in moving for n in waves], axis=0)
+    best = int(np.argmax(explained))
+    whole = min(float(np.ptp(t)) for t, _ in moving) * grid[best] >= 1.0
+    return float(grid[best]) if whole and explained[best] > STATED * square else 0.0
 
 
 def _of_mean(hz: float, t: FloatArray) -> float:
@@ -107,9 +160,9 @@ def _of_mean(hz: float, t: FloatArray) -> float:
     return float(max(square[4], square.mean()))
 
 
-def _frequencies(dwells: Sequence[tuple[FloatArray, FloatArray]]) -> list[float]:
+def _frequencies(dwells: Sequence[tuple[FloatArray, FloatArray]], stated: Sequence[float]) -> list[float]:
     """Frequencies [Hz] that explain more of all dwells together, times (k,) about zero and displacements (k, 6) [mm], than chance does; the
-    strongest first."""
+    strongest first. stated: those of a dither, which are explained already."""
     moving = [_fewer(t, x - x.mean(axis=0)) for t, x in dwells if len(t) >= 4 and x.any()]
     if not moving:
         return []
@@ -119,11 +172,14 @@ def _frequencies(dwells: Sequence[tuple[FloatArray, FloatArray]]) -> list[float]
     if len(grid) == 0:
         return []
     waves = [np.exp(-2j * np.pi * np.outer(grid, t)) for t, _ in moving]
-    left = [x for _, x in moving]
+    left = [_without(stated, t, x) for t, x in moving]
     free = np.ones(len(grid), dtype=np.bool_)
     out: list[float] = []
-    strongest = 0.0
-    for _ in range(FREQUENCIES):
+    strongest = sum(float((x**2).sum()) for _, x in moving) if stated else 0.0
+    if stated:
+        # what is rounded along it errs by its multiples, and is rounded alike in all its swings
+        free &= np.abs(grid - np.maximum(np.rint(grid / stated[0]), 1.0) * stated[0]) > 1.0 / longest
+    for _ in range(FREQUENCIES if free.any() else 0):
         explained = np.sum([_explained(w, x) for w, x in zip(waves, left, strict=True)], axis=0)
         best = int(np.argmax(np.where(free, explained, -1.0)))
         square = sum(float((x**2).sum()) for x in left)
@@ -145,7 +201,7 @@ def _frequencies(dwells: Sequence[tuple[FloatArray, FloatArray]]) -> list[float]
         out.append(hz)
         # rounding along a vibration has multiples of its frequency
         free &= np.abs(grid - np.maximum(np.rint(grid / hz), 1.0) * hz) > 1.0 / longest
-        left = [_without(out, t, x) for t, x in moving]
+        left = [_without([*stated, *out], t, x) for t, x in moving]
     return out
 
 
@@ -185,6 +241,10 @@ def averaged(errors: PoseErrors, found: Vibration, readings: IntArray) -> FloatA
     varies = 12.0 * np.array([np.einsum("qi,ij,qj->q", c, v, c) for c, v in zip(lengths, covariance, strict=True)])
     ranks = [max(int(np.linalg.matrix_rank(c)), 1) for c in lengths]
     left = np.array([12.0 * np.trace(c @ s.left @ c.T) / r for c, s, r in zip(lengths, found.swings, ranks, strict=True)])
+    if found.dither_hz:
+        # it is known sample by sample, so K has all of its rounding, and what is left beyond that is noise
+        keeps = np.array([kept_on(c @ s.motion.T) for c, s in zip(lengths, found.swings, strict=True)])
+        return np.asarray(keeps.mean(axis=0) + (np.maximum(left - 1.0, 0.0) / readings)[:, None])
     swings = any(s.motion.any() for s in found.swings)
     keeps = _kept_swinging(found, varies.mean(axis=0))[None, :] if swings else kept(scatter_counts(left))[:, None]
     return np.asarray(keeps + (left / readings)[:, None])
@@ -198,6 +258,19 @@ def _kept_swinging(found: Vibration, varies: FloatArray) -> FloatArray:
     shown = np.maximum.accumulate(12.0 * SIZES**2 + 1.0 - curve)
     size = np.where(varies < shown[-1], np.interp(varies, shown, SIZES), SIZES[-1])
     return np.interp(size, SIZES, curve)
+
+
+def kept_on(motion: FloatArray) -> FloatArray:
+    """Return K (q,) of q lengths that move by (q, k) [counts] at k samples: the largest of sizes near it."""
+    out = np.zeros(len(motion))
+    for near in NEAR:
+        turned = np.exp(2j * np.pi * near * motion)
+        square, wave = np.zeros(len(motion)), np.ones_like(turned)
+        for k in HARMONICS:
+            wave = wave * turned
+            square += np.abs(wave.mean(axis=1)) ** 2 / k**2
+        out = np.maximum(out, square)
+    return out / np.sum(1.0 / HARMONICS**2)
 
 
 def _shape(swing: Swing) -> FloatArray:
