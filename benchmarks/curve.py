@@ -24,17 +24,19 @@ from scipy.spatial.transform import Rotation
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from cornering import cornering
+from dithering import Dithering
 from moving_robot import TRUTH, FreeRunning, Instrument, Motion, Moves, Shaken, Waves, errors, logged
 from study import Study, table
 from zeroed import zeroed_exactly
 
 from lmeasure.core import LMeasureError
 from lmeasure.iso9283 import CertificationSettings, evaluate
-from lmeasure.recording import Counts, Run, read_run
+from lmeasure.recording import Counts, Program, Run, read_run
 from lmeasure.trajectory import CurveStream, ErrorsOfCurve, JointLog, motion_of, motion_of_curve, reconstruct, reconstruct_curve
 
 FloatArray = NDArray[np.float64]
 LASTS_S, INSTANTS, EDGE_S = 4.0, 20, 0.1
+DITHERED = 24
 COMPARED = 6
 """Motions that are compared with poses sample by sample and with smoothing splines."""
 WIDE = 1.959963984540054
@@ -122,9 +124,9 @@ def shrinkage() -> list[list[str]]:
     return [[*words, f"{one:.3g}", f"{other:.3g}", f"{other / max(one, 1e-300):.2f}"] for *words, one, other in found]
 
 
-def run_at(name: str, motion: Motion, rate_hz: float, phases: FloatArray | float = 0.0) -> Run:
+def run_at(name: str, motion: Motion, rate_hz: float, phases: FloatArray | float = 0.0, *, lasts_s: float = LASTS_S) -> Run:
     """A run of a motion by channels that are latched together."""
-    instrument, time_s = Instrument(name), np.arange(int(LASTS_S * rate_hz)) / rate_hz
+    instrument, time_s = Instrument(name), np.arange(int(lasts_s * rate_hz)) / rate_hz
     recorded = instrument.recorded(motion, np.tile(time_s[:, None], (1, len(instrument.channels))), phases)
     run = read_run(TRUTH / name)
     run = replace(run, rig=run.rig.model_copy(update={"unstated": "exact"}), unstated="exact", start=np.array([0.0] * 6 + [1.0]))
@@ -181,6 +183,31 @@ def logs() -> list[list[str]]:
                 covered = [f"{100.0 * (np.abs(e) < WIDE * there.u[:, d]).mean():.1f} %" for d, e in enumerate(every)]
                 rms, largest = (1e3 * of for of in (np.sqrt((every[0][:, 3:] ** 2).sum(axis=1).mean()), np.abs(every[0][:, 3:]).max()))
                 out.append([name, defect, log, used, f"{rms:.2f}", f"{largest:.1f}", *covered])
+    return out
+
+
+def dithers() -> list[list[str]]:
+    """Rows of rests and swings of a robot that repeats by 4 um per axis: errors and U95 of its AP and RP, and how many U95 covers."""
+    out = []
+    for size_mm, stated in ((0.0, False), (0.05, False), (0.03, True), (0.05, True), (0.1, True)):
+        found: dict[str, list[tuple[float, float]]] = {"AP_p": [], "RP_l": []}
+        for seed in range(DITHERED):
+            motion = Dithering(seed, 10, 2, size_mm, 0.004)
+            pose: dict[str, Any] = {"name": "P", "position_mm": motion.commanded.tolist(), "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}
+            pose |= {"windows_s": motion.windows()} | ({"dither_mm": [size_mm] * 3, "dither_s": 1.0} if stated else {})
+            run = run_at("cell-run", motion, 100.0, lasts_s=motion.lasts_s)
+            program = Program.model_validate({"schema": "lmeasure.program/1", "pose": [pose]})
+            every = evaluate(reconstruct(run), program, run=run, settings=CertificationSettings(trials=300)).characteristics
+            away = np.linalg.norm(motion.rests - motion.rests.mean(axis=0), axis=1)
+            true = np.linalg.norm(motion.rests.mean(axis=0) - motion.commanded), away.mean() + 3.0 * away.std(ddof=1)
+            for name, value in zip(found, true, strict=True):
+                (own,) = (c for c in every if c.name == name)
+                found[name].append((float(own.value - value), own.u95))
+        row = [f"{size_mm:g}", "yes" if stated else "no"]
+        for errors_of in found.values():
+            off, u95 = np.array(errors_of).T
+            row += [f"{1e3 * np.sqrt((off**2).mean()):.2f}", f"{1e3 * u95.mean():.2f}", f"{int((np.abs(off) < u95).sum())}"]
+        out.append(row)
     return out
 
 
@@ -386,6 +413,14 @@ def page(records: list[dict[str, Any]]) -> tuple[str, bool]:
         "are the only source of error. At 80 samples/s the path may hide a bend between samples, which dominates U95.",
         "",
         table(["samples/s", "result", "unit", "samples", "curve", "ratio"], shrinkage()),
+        "",
+        "## Dither",
+        "",
+        f"Errors and mean U95 [um] of AP_p and RP_l of a pose in {DITHERED} runs of ten cycles, and in how many of them U95 covers the",
+        "error. The robot repeats by 4 um per axis. It rests, or swings for two seconds by a size [mm] along each axis; the program states",
+        "it or not. Samples come at 100 Hz, and rounding is the only source of error.",
+        "",
+        table(["swing [mm]", "stated", "AP_p", "U95", "covered", "RP_l", "U95", "covered"], dithers()),
         "",
         "## While the run goes on",
         "",
