@@ -198,60 +198,82 @@ class Drum:
 
 
 ROBOTS = (
-    # wrist whose axes meet; three parallel axes; inclined wrist
-    ([[0, 600, 50, 90], [0, 0, 900, 0], [0, 0, 70, 90], [0, 850, 0, -90], [0, 0, 0, 90], [0, 120, 0, 0]], [0, 100, -40, 0, 50, 0]),
-    ([[0, 180, 0, 90], [0, 0, -900, 0], [0, 0, -800, 0], [0, 170, 0, 90], [0, 120, 0, -90], [0, 110, 0, 0]], [0, -100, 90, -80, -90, 0]),
-    ([[0, 700, 200, 90], [0, 0, 1100, 0], [0, 0, 150, 90], [0, 1200, 0, -60], [0, 150, 0, 60], [0, 120, 0, 0]], [0, 100, -40, 20, 70, 0]),
+    # wrist whose axes meet; three parallel axes; inclined wrist; four axes of assembly with a tilting wrist
+    ([[0, 600, 50, 90], [0, 0, 900, 0], [0, 0, 70, 90], [0, 850, 0, -90], [0, 0, 0, 90], [0, 120, 0, 0]], [0, 100, -40, 0, 50, 0], 9),
+    ([[0, 180, 0, 90], [0, 0, -900, 0], [0, 0, -800, 0], [0, 170, 0, 90], [0, 120, 0, -90], [0, 110, 0, 0]], [0, -100, 90, -80, -90, 0], 9),
+    (
+        [[0, 700, 200, 90], [0, 0, 1100, 0], [0, 0, 150, 90], [0, 1200, 0, -60], [0, 150, 0, 60], [0, 120, 0, 0]],
+        [0, 100, -40, 20, 70, 0],
+        9,
+    ),
+    ([[0, 900, 700, 0], [0, 0, 600, 180], [0, 400, 0, 0], [0, 150, 0, -90], [0, 0, 0, 90], [0, 150, 0, 0]], [-40, 80, 0, 20, 60, 0], 2),
 )
-"""Robots of six axes: theta, d, a, alpha of the joints (standard Denavit-Hartenberg), and joint values in the middle; mm and degrees."""
+"""Robots of six axes: theta, d, a, alpha of the joints (standard Denavit-Hartenberg), joint values in the middle, and the joint that
+slides (none: 9); mm and degrees."""
 
 
-def _chain(dh: FloatArray, q: FloatArray) -> FloatArray:
-    T = np.eye(4)
-    for (theta, d, a, alpha), angle in zip(dh, q, strict=True):
-        t, al = math.radians(theta) + angle, math.radians(alpha)
-        c, s, ca, sa = math.cos(t), math.sin(t), math.cos(al), math.sin(al)
-        T = T @ np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1.0]])
-    return T
+def _chain(dh: FloatArray, q: FloatArray, slides: int) -> tuple[FloatArray, FloatArray]:
+    """(n, 4, 4) where a robot is at joint values (n, 6) in radians and metres, and its derivatives (n, 6, 6), positions first."""
+    T, frames = np.broadcast_to(np.eye(4), (len(q), 4, 4)), []
+    for i, ((theta, d, a, alpha), value) in enumerate(zip(dh, q.T, strict=True)):
+        frames.append(T)
+        t, al = math.radians(theta) + value * (i != slides), math.radians(alpha)
+        c, s, ca, sa, o = np.cos(t), np.sin(t), math.cos(al), math.sin(al), np.zeros(len(q))
+        link = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [o, o + sa, o + ca, o + d + 1e3 * value * (i == slides)]]
+        T = T @ np.moveaxis(np.array([*link, [o, o, o, o + 1]]), 2, 0)
+    J = np.zeros((len(q), 6, 6))
+    for i, F in enumerate(frames):
+        z, arm = F[:, :3, 2], T[:, :3, 3] - F[:, :3, 3]
+        J[:, :, i] = np.hstack([1e3 * z, 0.0 * z] if i == slides else [np.cross(z, arm), z])
+    return T, J
+
+
+def _turn(D: FloatArray) -> FloatArray:
+    """(n, 3) small rotation vectors of matrices."""
+    return np.stack([D[:, 2, 1] - D[:, 1, 2], D[:, 0, 2] - D[:, 2, 0], D[:, 1, 0] - D[:, 0, 1]], axis=1) / 2
 
 
 def robot_errors(rng: np.random.Generator, poses: list[tuple[FloatArray, FloatArray]], size_mm: float, number: int) -> list[Any]:
-    """(shift, turn) of where a robot whose links are wrong comes to, less where it says, in the base frame."""
-    dh, middle_deg = (np.array(values, dtype=float) for values in ROBOTS[number % len(ROBOTS)])
-    nominal = dh + rng.normal(0, 1, (6, 4)) * np.array([0, 20.0, 20.0, 0])
-    wrong = nominal + rng.normal(0, 1, (6, 4)) * np.array([math.degrees(size_mm / 1000), size_mm, size_mm, math.degrees(size_mm / 1000)])
-    home = np.radians(middle_deg) + rng.normal(0, 0.1, 6)
-    middle = _chain(nominal, home)
-    out, q = [], home
-    for place, turn in poses:
-        goal = np.eye(4)
-        goal[:3, :3], goal[:3, 3] = turn @ middle[:3, :3], middle[:3, 3] + place
-        for _ in range(60):
-            now = _chain(nominal, q)
-            R = goal[:3, :3] @ now[:3, :3].T
-            e = np.r_[goal[:3, 3] - now[:3, 3], 500 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2]
-            if np.linalg.norm(e) < 1e-9:
-                break
-            J = np.empty((6, 6))
-            for i in range(6):
-                step = np.zeros(6)
-                step[i] = 1e-6
-                far = _chain(nominal, q + step)
-                D = far[:3, :3] @ now[:3, :3].T
-                J[:, i] = (
-                    np.r_[far[:3, 3] - now[:3, 3], 500 * np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]]) / 2] / 1e-6
-                )
-            q = q + np.linalg.solve(J.T @ J + 1e-3 * np.eye(6), J.T @ e)
-        else:
-            raise ValueError(f"robot {number}: no joint values for a pose")
-        true = _chain(wrong, q)
-        D = true[:3, :3] @ goal[:3, :3].T
-        out.append((true[:3, 3] - goal[:3, 3], np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]]) / 2))
+    """(shift, turn) of where a robot comes to, less where it says, in the base frame: its links are wrong, its gears are eccentric, and it
+    gives way to gravity. It comes to all poses in the same configuration."""
+    shape, middle_deg, slides = ROBOTS[number % len(ROBOTS)]
+    places, turns, weight = np.array([p for p, _ in poses]), np.array([logarithm(R) for _, R in poses]), np.repeat([1.0, 500.0], 3)
+    for _ in range(60):
+        size = rng.uniform(0.7, 1.5)
+        nominal = np.array(shape) * [1, size, size, 1] + rng.normal(0, 1, (6, 4)) * [0, 20.0, 20.0, 0]
+        home = np.radians(middle_deg) + rng.normal(0, 0.1, 6)
+        middle = _chain(nominal, home[None], slides)[0][0]
+        q, worst = np.repeat(home[None], len(poses), axis=0), 0.0
+        # a straight way from the middle keeps to one configuration
+        for part in np.repeat(np.linspace(0.1, 1.0, 10), 5):
+            T, J = _chain(nominal, q, slides)
+            R = np.array([rotation(part * w) for w in turns]) @ middle[:3, :3]
+            goal = middle[:3, 3] + part * places
+            e = np.hstack([goal - T[:, :3, 3], _turn(R @ np.swapaxes(T[:, :3, :3], 1, 2))]) * weight
+            J = J * weight[:, None]
+            q = q + np.clip(
+                np.linalg.solve(np.swapaxes(J, 1, 2) @ J + 1e-6 * np.eye(6), np.einsum("nij,ni->nj", J, e)[..., None])[..., 0], -0.3, 0.3
+            )
+            worst = float(np.linalg.norm(e, axis=1).max())
+        if worst < 1e-6 and np.linalg.cond(J).max() < 100.0:
+            break
+    else:
+        raise ValueError(f"robot {number}: no joint values for a pose")
+    small = size_mm / 1000
+    wrong = nominal + rng.normal(0, 1, (6, 4)) * [math.degrees(small), size_mm, size_mm, math.degrees(small)]
+    bent = q.copy()
+    for i in range(6):
+        if i != slides:
+            for times in (1, 2):
+                bent[:, i] += 0.3 * small / times * rng.normal() * np.sin(times * q[:, i] + rng.uniform(0, 2 * np.pi))
+            # the torque of a weight at the flange
+            bent[:, i] -= 0.3 * small * abs(rng.normal()) * J[:, 2, i] / 1000
+    true = _chain(wrong, bent, slides)[0]
+    shift, turn = true[:, :3, 3] - goal, _turn(true[:, :3, :3] @ np.swapaxes(R, 1, 2))
     # the base frame is where the robot says it is on the whole: a rigid motion of the field is no error
-    places = np.array([p for p, _ in poses])
     A = np.vstack([np.hstack([np.array([[0, p[2], -p[1]], [-p[2], 0, p[0]], [p[1], -p[0], 0]]), np.eye(3)]) for p in places])
-    x = np.linalg.lstsq(A, np.concatenate([s for s, _ in out]), rcond=None)[0]
-    return [(s - A[3 * i : 3 * i + 3] @ x, t - x[:3]) for i, (s, t) in enumerate(out)]
+    x = np.linalg.lstsq(A, shift.ravel(), rcond=None)[0]
+    return [(s - A[3 * i : 3 * i + 3] @ x, t - x[:3]) for i, (s, t) in enumerate(zip(shift, turn, strict=True))]
 
 
 @dataclass

@@ -136,12 +136,17 @@ def test_what_the_others_contradict_most_is_named(wrong: str) -> None:
     found = fit(model, model.start)
     assert improbable(found)
     assert (found.freedom < 3) == (wrong == "too few")
-    named = [w for w in explain_misfit(model, found, []).findings if w.code in ("outlier", "slip")]
+    after = explain_misfit(model, found, [])
+    named = [w for w in after.findings if w.code in ("outlier", "slip")]
     if wrong == "pose":
         assert [(w.code, w.pose) for w in named] == [("outlier", "8")]
     elif wrong == "counter":
         assert [(w.code, w.channel, w.pose) for w in named] == [("slip", "ch3", "13")]
         assert named[0].value == pytest.approx(0.6, rel=0.05)
+        clean = fit(Model(drawn.campaign, model.parameters), model.start)
+        # solved for: neither the values nor the residuals keep anything of it
+        assert np.abs((after.fit.theta - clean.theta) / np.sqrt(np.diag(after.fit.covariance))).max() < 2.0
+        assert np.sqrt(np.mean(after.fit.residuals**2)) < 1.1 * np.sqrt(np.mean(clean.residuals**2))
     else:
         assert named == []
 

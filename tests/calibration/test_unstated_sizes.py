@@ -50,6 +50,7 @@ def test_the_simulator_has_the_law_of_the_rig(study: ModuleType) -> None:
         ("attachments 2 mm", "unstated", 0.05, 0.08, "larger"),
         ("attachments 2 mm", "stated", 0.06, 0.15, "misfit"),
         ("a typing error of 10 mm", "unstated", 0.03, 0.05, "outlier"),
+        ("a point moves 1 mm", "unstated", 0.03, 0.05, ""),
         ("robot 0.3 mm, 20 poses", "unstated", 0.13, 0.2, ""),
         ("friction 30 counts", "stated", 0.95, 0.8, "misfit"),
     ],

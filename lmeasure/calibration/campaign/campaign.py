@@ -3,7 +3,7 @@
 import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,13 @@ from lmeasure.text import message
 
 Source = Literal["tracker", "robot", "unknown"]
 """Possible sources of reference poses."""
+
+
+class Break(NamedTuple):
+    """A lasting change of one cable during a campaign: its counter slipped, or its observation point moved, before this pose."""
+
+    channel: str
+    pose: str
 
 
 @dataclass(frozen=True, repr=False)
@@ -61,6 +68,8 @@ class Campaign(Shown):
     """(n, m) order of counting: rows of the counts file; None: the order of the poses."""
     angles: FloatArray | None = None
     """(n, 3) angles of the poses as in their file; None: quaternions, or not recorded."""
+    breaks: tuple[Break, ...] = ()
+    """Found changes during the campaign, which are solved for."""
 
     def __post_init__(self) -> None:
         drums = self.drums
@@ -135,6 +144,10 @@ class Campaign(Shown):
                 way = np.sign(self.counts[i, j] - self.counts[before, j]) or way
                 out[i, j] = way
         return out
+
+    def counted_at(self, j: int) -> IntArray:
+        """Return (n,) when the poses were counted by a channel, as numbers in their order."""
+        return np.arange(len(self.poses)) if self.counted is None else self.counted[:, j]
 
     @property
     def zero_readings(self) -> IntArray:

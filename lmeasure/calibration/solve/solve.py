@@ -170,7 +170,7 @@ def position_range(model: Model, point: str, theta: FloatArray, seed: int) -> Ra
 
 Progress = Callable[[int, int], None]
 
-_WHO = ("outlier", "slip")  # findings that name a pose or a channel
+_WHO = ("outlier", "slip", "moved")  # findings that name a pose or a channel
 
 
 @dataclass(frozen=True, repr=False)
@@ -256,7 +256,11 @@ def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Pro
     misfits, weights = explained.findings, None
     if settings.robust:
         # poses that contradict the others are named as without a robust loss; those that it keeps determine the noise
-        weighted, found, weights = robust_poses(begun.model, begun.first)
+        sound, first = begun.model, begun.first
+        for change in explained.model.campaign.breaks[len(sound.campaign.breaks) :]:
+            sound = sound.with_break(change)
+            first = fit(sound, first.theta, settings.prior, near=True)
+        weighted, found, weights = robust_poses(sound, first)
         explained = explain_misfit(weighted, found, blamed)
         misfits = [w for w in misfits if w.code in _WHO] + [w for w in explained.findings if w.code not in _WHO]
         misfits += down_weighted(campaign, weights)
@@ -286,7 +290,7 @@ def _calibrated(campaign: Campaign, settings: CalibrationSettings, progress: Pro
         findings.append(Finding(code="nonlinear", text=text, value=where.bend))
     compared = against_nominal(model, found, begun.first)
     judged = _held_out(whole, model, found, kept_out, settings.seed)
-    campaign = replace(campaign, poses=model.found_poses(found.theta, found.covariance))
+    campaign = replace(campaign, poses=model.found_poses(found.theta, found.covariance), breaks=model.campaign.breaks)
     u = np.sqrt(np.maximum(np.diag(found.covariance)[: model.own], 0.0))
     rig = with_play(
         rig_with(campaign, model.parameters, found.theta[: model.own], "calibration.json", u=u),
@@ -419,11 +423,11 @@ def _held_out(whole: Campaign, model: Model, found: Fit, poses: tuple[str, ...],
         return []
     free = tuple(model.free.tolist())
     every = (
-        model_of(replace(whole, poses=model.campaign.poses), model.parameters, free, model.frame)
+        model_of(replace(whole, poses=model.campaign.poses, breaks=model.campaign.breaks), model.parameters, free, model.frame)
         .with_noise(model.noise)
         .with_sizes(model.sizes)
     )
-    theta = every.start
+    every.changes, theta = model.changes, every.start
     theta[np.isin(every.names, model.names)] = found.theta
     for name in poses if free else ():
         pose = whole.poses.names.index(name)

@@ -8,12 +8,12 @@ from typing import Self
 
 import numpy as np
 
-from lmeasure.calibration.campaign.campaign import Campaign
+from lmeasure.calibration.campaign.campaign import Break, Campaign
 from lmeasure.calibration.solve.noise import Noise
 from lmeasure.calibration.solve.reference_field import field_covariance
 from lmeasure.calibration.solve.residuals import Residuals
 from lmeasure.core import BoolArray, FloatArray, IntArray, se3
-from lmeasure.estimation import Parameters
+from lmeasure.estimation import Fit, Parameters
 from lmeasure.kernels import BY_ATTACHMENT, COUNT_LENGTH, length_gradients
 from lmeasure.recording import Poses
 from lmeasure.rig import Rig, SensorTable, with_values
@@ -24,6 +24,8 @@ TURNING = {RUN_OUT: PART_RUN_OUT, ECCENTRICITY: PART_ECCENTRICITY}
 
 DOUBTED = 0.3
 """Typical excess of an error over its stated size, as a part of that size."""
+SLIP_MM, MOVE_MM = 1000.0, 10.0
+"""Prior standard uncertainties of a slip and of each component of a move that are solved for: hardly any."""
 TRAVEL = "travel"
 """Play of cables that came straight from pose to pose, among the sizes of a model."""
 
@@ -41,6 +43,9 @@ def factor_of(v: Variable, sizes: Mapping[str, float]) -> float:
 class Model(Residuals):
     """`Residuals` with their covariance: of counts, reference poses, physical effects, and the rig's stated uncertainties."""
 
+    changes: FloatArray = np.zeros(0)
+    """(4 b,) found changes of cables during the campaign, in prior standard uncertainties."""
+
     @property
     def covariance_varies(self) -> bool:  # type: ignore[override]
         """Derivatives by the poses do, wherever these err."""
@@ -51,6 +56,43 @@ class Model(Residuals):
         out = copy.copy(self)
         out.noise = noise
         return out
+
+    def with_break(self, found: Break) -> Self:
+        """Return it with a further change of a cable during the campaign."""
+        out = copy.copy(self)
+        out.campaign = replace(self.campaign, breaks=(*self.campaign.breaks, found))
+        out.changes = np.append(self.changes, np.zeros(4)) if len(self.changes) else self.changes
+        return out
+
+    def with_changes(self, found: Fit) -> Self:
+        """Return it with the changes of cables during the campaign as they are most probable by a fit."""
+        out, F = copy.copy(self), self.break_shifts(found.theta)
+        r = found.residuals - (F @ self.changes if len(self.changes) else 0.0)
+        out.changes = -F.T @ np.linalg.solve(found.V, r)
+        return out
+
+    def break_shifts(self, theta: FloatArray) -> FloatArray:
+        """(e, 4 b) how the residuals [mm] would change by one prior standard uncertainty of each change of a cable during the campaign: of
+        the slip, and of the move of its observation point. The solved point is where it was afterwards."""
+        campaign, columns = self.campaign, []
+        J = self.pose_jacobian(theta) if campaign.breaks else np.zeros((self.equations, 0, 6))
+        every, channels = np.arange(self.equations), [c.channel for c in campaign.cables]
+        for one in campaign.breaks:
+            if one.channel not in channels:
+                continue
+            j = channels.index(one.channel)
+            when = campaign.counted_at(j)
+            before = when < when[campaign.poses.names.index(one.pose)]
+            at, zero = before[self.pose_index], before[self._zero] & self._since
+            columns.append(SLIP_MM * ((self.cable_index == j) & self._since) * (zero.astype(np.float64) - at)[:, None].T)
+            point = np.array([c.is_cable and c.from_point == campaign.cables[j].from_point for c in campaign.cables])[self.cable_index]
+            columns.append(MOVE_MM * point * (J[every, self.pose_index, 3:].T * at + J[every, self._zero, 3:].T * zero))
+        return np.concatenate(columns).T if columns else np.zeros((self.equations, 0))
+
+    def residuals(self, theta: FloatArray) -> FloatArray:
+        """(e,) of `Residuals`, with the found changes of cables."""
+        r = super().residuals(theta)
+        return r + self.break_shifts(theta) @ self.changes if len(self.changes) else r
 
     def with_sizes(self, sizes: Mapping[str, float]) -> Self:
         """Return the model with other sizes of its errors, by the code of their kind (`factor_of`)."""
@@ -237,6 +279,9 @@ class Model(Residuals):
         unsolved = self.unsolved_covariance(theta)
         if unsolved is not None:
             V = V + unsolved
+        if self.campaign.breaks:
+            shifts = self.break_shifts(theta)
+            V = V + shifts @ shifts.T
         if any(name.startswith("field_") for name in self.sizes):
             V = V + field_covariance(self.sizes, self.poses(theta), self.pose_jacobian(theta))
         if noise.robust_variance_mm2 is not None:

@@ -134,7 +134,7 @@ def diagnose(
 
 
 def _text(h: Hypothesis, gain: float) -> str:
-    cure = "aside" if h.removed else "applied" if h.curable else "not_applied"
+    cure = "aside" if h.code == "outlier" else "applied" if h.curable else "not_applied"
     return message(f"calibration.cure.{cure}", what=h.text, gain=gain)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from scipy.spatial.transform import Rotation
 
-from lmeasure.calibration.campaign.campaign import Campaign
+from lmeasure.calibration.campaign.campaign import Break, Campaign
 from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.calibration.validation.hold_out import poses_and_visits, shifted_lengths
 from lmeasure.core import BoolArray, FileFormatError, FloatArray, GeometryError, IntArray, conventions, se3
@@ -17,13 +17,14 @@ from lmeasure.sensors import counts_from_poses
 from lmeasure.text import message
 
 SAME_RAD = 1e-6
+SOLVED = 4  # values of a counter that slipped, or whose point moved
 
 
 @dataclass(frozen=True)
 class Hypothesis:
     """Another reading of a campaign: code and text of its finding, and the campaign, with its rig, as they would be.
 
-    removed: how many readings it sets aside; curable: whether the rig is corrected with it.
+    removed: how many readings it sets aside, or spends on values of its own; curable: whether the rig is corrected with it.
     """
 
     code: str
@@ -168,8 +169,8 @@ def _cycles(order: IntArray) -> list[list[int]]:
 
 
 def set_aside(model: Model, theta: FloatArray, most: int) -> list[Hypothesis]:
-    """Return the campaigns without one pose, one reading or the readings of a counter before or after a slip, those that a linear fit
-    prefers: linearised at the nominal rig, and at theta."""
+    """Return the campaigns without one pose or one reading, or with a counter that slipped, those that a linear fit prefers: linearised at
+    the nominal rig, and at theta."""
     candidates = [*_poses_aside(model), *_readings_aside(model), *_counters_aside(model)]
     best: dict[int, float] = {}
     for at in [start for start in (model.start, theta) if np.isfinite(model.residuals(start)).all()]:
@@ -237,13 +238,11 @@ def _counters_aside(model: Model) -> Iterator[_Candidate]:
         counted = np.flatnonzero(np.isfinite(campaign.counts[:, j]))
         order = counted if campaign.counted is None else counted[np.argsort(campaign.counted[counted, j], kind="stable")]
         for k in range(2, len(order) - 1):
-            which = np.zeros(campaign.counts.shape, dtype=np.bool_)
-            which[order[k:] if 2 * k >= len(order) else order[:k], j] = True
             column = ((model.cable_index == j) & np.isin(model.pose_index, order[k:])).astype(np.float64)[:, None]
             name, channel = campaign.poses.names[order[k]], campaign.cables[j].channel
-            part = "later" if 2 * k >= len(order) else "earlier"
-            text = message(f"calibration.slipped_without_{part}", channel=channel, pose=name)
-            yield column, int(which.sum()), partial(_without, campaign, which, "slip", text, channel=channel, pose=name)
+            text = message("calibration.slipped", channel=channel, pose=name)
+            other = replace(campaign, breaks=(*campaign.breaks, Break(channel, name)))
+            yield column, SOLVED, partial(Hypothesis, "slip", text, other, channel, name, removed=SOLVED)
 
 
 def _left(campaign: Campaign, which: BoolArray) -> bool:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lmeasure.calibration.campaign.campaign import Break
 from lmeasure.calibration.solve.noise import ASSUMED
 from lmeasure.calibration.solve.reference_field import field_covariance
 from lmeasure.calibration.solve.sizes import Sized, with_estimated_sizes
@@ -12,13 +13,16 @@ from lmeasure.calibration.solve.unknowns import Model
 from lmeasure.calibration.validation.explanations import Otherwise, arm_mm, every_length
 from lmeasure.calibration.validation.hold_out import moved_points, outlier_poses, slipped_counters
 from lmeasure.core import BoolArray, FloatArray
-from lmeasure.estimation import CHANCE, Explained as State, Fit, evidence, explained, improbable, settled
+from lmeasure.estimation import CHANCE, Explained as State, Fit, evidence, explained, fit, improbable, settled
 from lmeasure.rig import Finding
 from lmeasure.sensors import ARM_MM
 from lmeasure.text import message
 
 DOUBTED = 0.02
 """Probability under which residuals raise no alarm, but measured lengths get an error of their own."""
+
+MOST_CHANGES = 2
+"""Changes of cables during a campaign that are solved for."""
 
 REDUNDANT = 12
 """Degrees of freedom from which residuals determine the unstated uncertainty of poses."""
@@ -57,18 +61,25 @@ def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
     """
     absent = model.noise.absent if model.places_known else ()
     telling = bool(absent) and found.freedom >= REDUNDANT and not blamed
-    alternatives, state = Otherwise(model.noise.bare() if telling else model.noise), State(model, found)
-    findings = [_assumed(name) for name in absent]
+    findings, changes = [_assumed(name) for name in absent], list[Finding]()
+    model, found = _with_changes(model, found)
     sized = None if blamed else with_estimated_sizes(model, found)
+    while not blamed and len(changes) < MOST_CHANGES and (change := _change(model, found, sized)):
+        changes.append(change[1])
+        model = model.with_break(change[0])
+        model, found = _with_changes(model, fit(model, found.theta, found.prior_everywhere, near=True))
+        sized = None if sized is None else with_estimated_sizes(model, found)
+    alternatives, state = Otherwise(model.noise.bare() if telling else model.noise), State(model, found)
     if sized is not None:
         model, found = sized.model, sized.fit
         alternatives, state = Otherwise(model.noise), State(model, found)
         findings = [_sized(name, ASSUMED[name] * sized.size[name]) for name in absent]
-        findings += [*_smooth(sized), *_moved(sized)]
+        findings += _smooth(sized)
     elif telling:
         keys = tuple((name, None) for name in absent)
         state = settled(replace(state, sizes=dict.fromkeys(keys, 0.0), unstated=keys), alternatives)
         findings = [_estimated(state, name) for name in absent]
+    findings += changes
     if not ((telling and sized is None) or improbable(found)):
         doubt = evidence(found, found.V).best(every_length(model))[0] if improbable(found, DOUBTED) else 0.0
         return Explained(model, found, findings, False, np.where(_drawn(model), doubt, 0.0), sized)
@@ -76,8 +87,8 @@ def explain_misfit(model: Model, found: Fit, blamed: list[str]) -> Explained:
         rms = _rms(found)
         text = message("calibration.residuals_mm_rms_exceed", rms=rms, blamed=tuple(blamed))
         return _covered(state, [*findings, Finding(code="misfit", text=text, value=rms)], rms)
-    if improbable(state.fit) and not any(w.code == "moved" for w in findings):
-        findings += _contradictions(state.problem, state.fit)
+    if improbable(state.fit) and not changes:
+        findings += _outliers(state.problem, state.fit)
     begun, state = state, explained(state, alternatives)
     return replace(_covered(state, [*findings, *_findings_of_applied(state, begun)], _rms(begun.fit)), sized=sized)
 
@@ -146,15 +157,29 @@ def _smooth(sized: Sized) -> list[Finding]:
     return [Finding(code="note", text=message(f"calibration.smooth_errors_{source}", mm=mm), value=mm)]
 
 
-def _moved(sized: Sized) -> list[Finding]:
-    """Return the observation point that moved during the calibration. Estimated errors of poses would hide it."""
-    one = moved_points(sized.model, sized.fit)
-    if one is None:
-        return []
-    point = next(c.from_point for c in sized.model.campaign.drums if c.channel == one.channel)
-    values = {"point": point, "channel": one.channel, "pose": one.pose, "mm": one.shift_mm, "p": math.exp(one.log_probability)}
-    text = message("calibration.moved_point", **values)
-    return [Finding(code="moved", channel=one.channel, pose=one.pose, value=one.shift_mm, text=text)]
+def _with_changes(model: Model, found: Fit) -> tuple[Model, Fit]:
+    """Return the model with the most probable changes of its cables during the campaign, and the fit without them in its residuals."""
+    if not model.campaign.breaks:
+        return model, found
+    model = model.with_changes(found)
+    return model, replace(found, problem=model, residuals=model.residuals(found.theta))
+
+
+def _change(model: Model, found: Fit, sized: Sized | None) -> tuple[Break, Finding] | None:
+    """Return the observation point that moved during the calibration, or the counter that slipped; None without one. Estimated errors of
+    poses would hide a move, which is looked for whether or not the residuals are beyond chance."""
+    if sized is not None:
+        model, found = sized.model, sized.fit
+    one = None if sized is None else moved_points(model, found)
+    if one is None and improbable(found):
+        one = min([*outlier_poses(model, found), *slipped_counters(model, found)], key=lambda s: s.log_probability, default=None)
+    if one is None or one.channel is None or one.log_probability > math.log(CHANCE):
+        return None
+    point = next((c.from_point for c in model.campaign.drums if c.channel == one.channel), "")
+    p = math.exp(one.log_probability)
+    values = {"point": point, "channel": one.channel, "pose": one.pose, "mm": one.shift_mm, "f": one.statistic, "p": p}
+    text = message("calibration.moved_point" if one.kind == "moved" else "calibration.slip", **values)
+    return Break(one.channel, one.pose), Finding(code=one.kind, channel=one.channel, pose=one.pose, value=one.shift_mm, text=text)
 
 
 def _findings_of_applied(state: State[Model], begun: State[Model]) -> list[Finding]:
@@ -188,14 +213,10 @@ def _findings_of_applied(state: State[Model], begun: State[Model]) -> list[Findi
     return out
 
 
-def _contradictions(model: Model, found: Fit) -> list[Finding]:
-    tests = [*outlier_poses(model, found), *slipped_counters(model, found)]
-    worst = min(tests, key=lambda s: s.log_probability, default=None)
+def _outliers(model: Model, found: Fit) -> list[Finding]:
+    """Return the pose that the others contradict most, if chance does not explain it."""
+    worst = min(outlier_poses(model, found), key=lambda s: s.log_probability, default=None)
     if worst is None or worst.log_probability > math.log(CHANCE):
         return []
-    odds = {"f": worst.statistic, "p": math.exp(worst.log_probability)}
-    if worst.kind == "outlier":
-        text = message("calibration.outlier", pose=worst.pose, **odds)
-        return [Finding(code="outlier", pose=worst.pose, value=worst.statistic, text=text)]
-    text = message("calibration.slip", channel=worst.channel, mm=worst.shift_mm, pose=worst.pose, **odds)
-    return [Finding(code="slip", channel=worst.channel, pose=worst.pose, value=worst.shift_mm, text=text)]
+    text = message("calibration.outlier", pose=worst.pose, f=worst.statistic, p=math.exp(worst.log_probability))
+    return [Finding(code="outlier", pose=worst.pose, value=worst.statistic, text=text)]
