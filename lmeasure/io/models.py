@@ -122,7 +122,7 @@ def _table(found: dict[str, Any], several: bool, counts: dict[Keys, int]) -> Key
     return out
 
 
-Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\s.,;\x00-\x1f]+$")]
+Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\s.,;\"\x00-\x1f]+$")]
 
 
 def whole(value: Any) -> int:

@@ -227,9 +227,10 @@ class Tree:
 
     def _descended(self, link: str, heights: dict[str, int], *, strict: bool) -> str:
         """The link that ends the arm that begins at a link; where branches are as good as each other the first, or RobotError if strict."""
-        depth, behind = 0, link
+        depth, behind, gone = 0, link, {link}
         while True:
-            live = sorted(((self._height(b, heights, self._with_fingers), b) for b in self._below.get(link, [])), key=lambda pair: -pair[0])
+            below = [b for b in self._below.get(link, []) if b.child not in gone]  # a ring is not gone through twice
+            live = sorted(((self._height(b, heights, self._with_fingers), b) for b in below), key=lambda pair: -pair[0])
             several = [pair for pair in live if pair[0] > 0]
             if not several:
                 return self._end(behind)
@@ -243,6 +244,7 @@ class Tree:
                 self._ambiguous([self._descended(b.child, heights, strict=False) for b in same])
             depth += int(self._moves(branch))
             link = branch.child
+            gone.add(link)
             behind = link if branch.kind in MOVING else behind
 
     def _twins(self, branch: Branch, other: Branch) -> bool:

@@ -319,6 +319,7 @@ SOME = '<limit lower="0" upper="1"/>'
     [
         (SECOND_ARM, {}, r"to 'l4' \(4 joints\), 'm4' \(4 joints\). State one with --tip"),
         ([*SECOND_ARM, *TOOLS], {}, r"to 'left_tool0' \(4 joints\), 'right_tool0'"),
+        ([Part("ring", "revolute", "l4", "l4")], {}, "link 'l4' is the child of two joints"),
         ([], {"tip": "a3"}, "it is a joint, whose link is 'l3'"),
         ([], {"tip": "nowhere"}, "links that end a chain: l4"),
         ([], {"base": "l9"}, "link 'l9' is not fixed to any link of the chain to 'l4'"),
