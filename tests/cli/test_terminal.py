@@ -165,7 +165,7 @@ def test_a_person_checks_and_captures_on_a_narrow_terminal(tmp_path: Path, bench
     given = ["--poses", "planned.csv", *bus, "--out", "campaign", "--dwell-s", "0.3", "--settle-s", "0.1", "--by", "key"]
     with on_terminal(["capture", "wired.toml", *given], tmp_path, 60, "ru_RU") as shown:
         for answer in ("0\r", "nobody knows\r", "0\r", "\r"):  # what is no number is asked again
-            shown.until(": ")
+            shown.until("если неизвестно):")
             time.sleep(0.5)
             shown.type(answer)
         shown.until("поза 1 (1 из 3)")
