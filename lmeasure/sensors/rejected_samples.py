@@ -34,24 +34,25 @@ Reasons = tuple[Reason, ...]
 
 def reasons_of(counter: Unwrapped, channel: str, drum: Drum | SensorTable, time_s: FloatArray) -> Reasons:
     """Return why samples of a channel, at times (n,), are not used."""
-    speed = _speed(drum, drum.rate)
-    in_pauses = _speed(drum, counter.believed_rate or drum.rate)
-    foreign = message("cause.foreign.bits", channel=channel, bits=drum.counter_bits)
-    if drum.codes is not None:
-        foreign = message("cause.foreign.codes", channel=channel, codes=drum.codes)
-    every = [
-        Reason(counter.what == JUMPED, Status.JUMP, message("cause.jumped", channel=channel, **speed)),
-        Reason(counter.what == WENT_ON, Status.ORIGIN_LOST, message("cause.went_on", channel=channel)),
-        Reason(counter.what == FOREIGN, Status.JUMP, foreign),
-        Reason(counter.what == UNSURE, Status.GAP, message("cause.wrapped", channel=channel, **in_pauses)),
-        Reason(counter.what == EMPTY, Status.GAP, message("cause.no_count", channel=channel)),
-    ]
+    what, every = counter.what, list[Reason]()
+
+    def add(mask: BoolArray, status: int, code: str, **values: Any) -> None:
+        if mask.any():  # messages of nothing would take longer than all the rest
+            every.append(Reason(mask, status, message(code, channel=channel, **values)))
+
+    if (what != FOLLOWED).any():
+        foreign = {"bits": drum.counter_bits} if drum.codes is None else {"codes": drum.codes}
+        add(what == JUMPED, Status.JUMP, "cause.jumped", **_speed(drum, drum.rate))
+        add(what == WENT_ON, Status.ORIGIN_LOST, "cause.went_on")
+        add(what == FOREIGN, Status.JUMP, "cause.foreign.bits" if drum.codes is None else "cause.foreign.codes", **foreign)
+        add(what == UNSURE, Status.GAP, "cause.wrapped", **_speed(drum, counter.believed_rate or drum.rate))
+        add(what == EMPTY, Status.GAP, "cause.no_count")
     if isinstance(drum, Drum) and drum.max_cable_acceleration_mm_s2 is not None:
         limit = drum.max_cable_acceleration_mm_s2
         values = np.where(counter.what == FOLLOWED, counter.counts, np.nan) / drum.scale
         slack = slack_samples(values, time_s, limit / drum.count_length_mm, 1.0 / drum.scale)
-        every.append(Reason(slack, Status.SLACK, message("cause.slack", channel=channel, limit=limit)))
-    return tuple(reason for reason in every if reason.mask.any())
+        add(slack, Status.SLACK, "cause.slack", limit=limit)
+    return tuple(every)
 
 
 def rate_notes(source: str, believed: Mapping[str, tuple[Drum | SensorTable, float]]) -> list[Message]:

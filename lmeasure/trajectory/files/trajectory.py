@@ -5,6 +5,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,7 @@ SYSTEMATIC_COLUMNS = tuple(name.replace("u_", "u_systematic_", 1) for name in UN
 """The part of those that the whole run has in common."""
 NAMES = ", "  # Between the names of cables where a sample is good without several
 _PLACES = [3, 4, 5, 0, 1, 2]  # of those columns in (rotation; tool origin)
+_DIAGONAL = np.array([7 * place for place in _PLACES])  # in a covariance as one row
 
 
 @dataclass(frozen=True, repr=False)
@@ -102,7 +104,7 @@ class Trajectory(Shown):
         attributes = {"u_covers": self.covers, "notes": "\n".join(map(str, self.notes))}
         return xr.Dataset({name: ("time_s", values) for name, values in columns.items()} | whole, {"time_s": time_s}, attributes)
 
-    @property
+    @cached_property
     def u(self) -> FloatArray:
         """(n, 6) standard uncertainties in the order of `UNCERTAINTY_COLUMNS`: tool origin [mm], small rotation [rad]."""
         return np.sqrt(_variances(self.random) + _variances(self.systematic))
@@ -255,7 +257,7 @@ def _refuse(path: Path, columns: Sequence[str], values: FloatArray, bad: BoolArr
 
 def _variances(covariance: FloatArray) -> FloatArray:
     """(n, 6) variances in the order of `UNCERTAINTY_COLUMNS`."""
-    return np.asarray(np.einsum("nii->ni", covariance)[:, _PLACES])
+    return np.take(covariance.reshape(-1, 36), _DIAGONAL, axis=1)
 
 
 def diagonal(variances: FloatArray) -> FloatArray:
