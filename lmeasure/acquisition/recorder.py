@@ -22,10 +22,11 @@ import numpy as np
 from lmeasure.acquisition.bus.frames import BITRATE_SWITCH, CLASSED, ERROR, ERROR_STATE, EXTENDED, FD, REMOTE, SENT, Frames, each, no_frames
 from lmeasure.acquisition.bus.network import BusWatch
 from lmeasure.acquisition.bus.sources import Notice, Source
-from lmeasure.acquisition.counters.assembly import mark_stalls, new_assembler
+from lmeasure.acquisition.counters.assembly import new_assembler
 from lmeasure.acquisition.counters.decoders import CounterField
 from lmeasure.acquisition.counters.events import Event, event_columns
 from lmeasure.acquisition.counters.samples import Samples
+from lmeasure.acquisition.counters.stalls import mark_stalls
 from lmeasure.core import AcquisitionError, FloatArray, LMeasureError, RecordedError, version_of
 from lmeasure.io import files
 from lmeasure.recording import SCHEMA, closure_counts, read_counts, write_counts

@@ -4,10 +4,12 @@ from .counts import (
     Unwrapped as Unwrapped,
     WidthEvidence as WidthEvidence,
     closure_counts as closure_counts,
+    joined_counts as joined_counts,
     read_counts as read_counts,
     read_counts_in_pieces as read_counts_in_pieces,
     unwrap as unwrap,
     write_counts as write_counts,
+    write_counts_in_pieces as write_counts_in_pieces,
 )
 from .poses import (
     AXIS_COLUMNS as AXIS_COLUMNS,

@@ -1,13 +1,13 @@
 """Recorded counts of one pass, and the effects of a finite counter: wraps, jumps, gaps."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lmeasure.core import DataFrame, FileFormatError, FloatArray, IntArray, Shown, conventions, framed
+from lmeasure.core import BoolArray, DataFrame, FileFormatError, FloatArray, IntArray, Shown, conventions, framed
 from lmeasure.io import files
 from lmeasure.kernels import BELIEVED_AT, FOLLOWED, FOREIGN, PAUSE, STATE, UNSURE, UNSURE_AT, resume_counting
 from lmeasure.text import message
@@ -92,13 +92,16 @@ class Counts(Shown):
             return np.empty(0)
         return np.asarray(self.time_s[1:][(self.sync[1:] == 1) & (self.sync[:-1] == 0)])
 
-    def columns(self) -> dict[str, Any]:
-        """Columns of the counts file."""
+    def whole(self) -> BoolArray:
+        """Return (m,) whether each channel has whole numbers alone."""
+        values = self.recorded
+        return np.asarray((values == np.rint(values)).all(axis=0) & (np.abs(values).max(axis=0) < 2**53))
+
+    def columns(self, whole: BoolArray | None = None) -> dict[str, Any]:
+        """Columns of the counts file; whole (m,): channels with whole numbers alone, by default those of these samples."""
         out: dict[str, Any] = {"time_s": self.time_s}
-        for i, channel in enumerate(self.channels):
-            values = self.recorded[:, i]
-            whole = bool((values == np.rint(values)).all()) and float(np.abs(values).max()) < 2**53
-            out[channel] = values.astype(np.int64) if whole else values
+        for values, channel, integer in zip(self.recorded.T, self.channels, self.whole() if whole is None else whole, strict=True):
+            out[channel] = values.astype(np.int64) if integer else values
         if self.sync is not None:
             out["sync"] = self.sync.astype(np.int64)
         if self.u_time_s is not None:
@@ -221,6 +224,20 @@ def write_counts(path: Path, counts: Counts, metadata: Mapping[str, str] | None 
     files.write_table(path, counts.columns(), metadata)
 
 
+def joined_counts(parts: Sequence[Counts]) -> Counts:
+    """Return the pieces of one pass, one after the other, as one; FileFormatError where their times do not rise."""
+    columns = ("time_s", "recorded", "sync", "u_time_s", "temperature_c", "stamp_s", "frames")
+    every = {name: [getattr(part, name) for part in parts] for name in columns}
+    return replace(parts[0], **{name: None if values[0] is None else np.concatenate(values) for name, values in every.items()})
+
+
+def write_counts_in_pieces(path: Path, pieces: Iterable[Counts], whole: BoolArray) -> None:
+    """Write a counts file from its pieces, complete or not at all; whole (m,): channels with whole numbers alone."""
+    with files.table_writer(path) as write:
+        for piece in pieces:
+            write(piece.columns(whole))
+
+
 @dataclass(frozen=True)
 class Unwrapped:
     """A counter with its wraps undone.
@@ -282,7 +299,7 @@ def _usual(time_s: FloatArray) -> float:
     """The usual interval [s] of stamps (n,): a counter may have gone for as long between two stamps that are closer."""
     if len(time_s) <= 2:
         return 0.0
-    # as NumPy's median, which loads its masked arrays; with the last one too, without which few different values take a hundred times as long
+    # as NumPy's median, which loads its masked arrays; one place alone, among few different values, takes a hundred times as long
     middle = sorted({(len(time_s) - 2) // 2, (len(time_s) - 1) // 2})
     return float(np.partition(np.diff(time_s), [*middle, -1])[middle].mean())
 

@@ -5,7 +5,7 @@ Its run.toml states how the passes were recorded too: whether the counts are the
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -548,7 +548,12 @@ def read_run_head(folder: Path, rig_path: Path | None = None, start: StatedStart
     return RunHead(rig, pose, tuple(counts), torn, calibration, u_start, table.temperature_c, recorded, table.unstated)
 
 
-def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffix: str = ".csv") -> None:
+Write = Callable[[Path, Counts], None]
+
+
+def write_run(
+    folder: Path, run: Run, extra: dict[str, Any] | None = None, suffix: str = ".csv", *, writers: Sequence[Write] | None = None
+) -> None:
     """Write a run folder: counts first, run.toml last, so that a folder with a run.toml is complete.
 
     Parameters
@@ -561,6 +566,8 @@ def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffi
         Further content of run.toml.
     suffix
         ".csv" or ".parquet" for the counts.
+    writers
+        Writers of the counts of each pass, for passes that are not whole in memory.
 
     Examples
     --------
@@ -574,8 +581,8 @@ def write_run(folder: Path, run: Run, extra: dict[str, Any] | None = None, suffi
         write_calibration_record(folder / "calibration.json", run.calibration)
     write_rig(folder / "rig.toml", rig)
     names = [f"pass{i + 1}{suffix}" for i in range(len(run.passes))]
-    for name, counts in zip(names, run.passes, strict=True):
-        write_counts(folder / name, counts)
+    for name, counts, write in zip(names, run.passes, writers or [write_counts] * len(names), strict=True):
+        write(folder / name, counts)
     start: dict[str, Any] = {}
     if run.start is not None:
         pose = {"position_mm": run.start[:3].tolist(), "quaternion_xyzw": run.start[3:].tolist()}

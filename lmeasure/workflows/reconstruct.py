@@ -377,8 +377,8 @@ def run_import(settings: ImportSettings, progress: Progress = silent) -> Result:
     notes = (message("workflow.note_no_start", where=str(settings.out / "run.toml")),) if pose is None else ()
     logs = imported.logs
     unread = tuple(composed("{file}: {note}", file=str(log.path), note=note) for log in logs for note in log.report.notes())
-    figures: dict[str, float] = {"frames": sum(log.report.frames for log in logs), "samples": sum(len(log.counts.time_s) for log in logs)}
-    figures |= {"duration_s": float(max(log.counts.time_s[-1] for log in logs)), "faults": sum(log.events.tally.total() for log in logs)}
+    figures: dict[str, float] = {"frames": sum(log.report.frames for log in logs), "samples": sum(log.samples for log in logs)}
+    figures |= {"duration_s": max(log.seconds for log in logs), "faults": sum(log.events.tally.total() for log in logs)}
     figures |= {"lines": sum(log.report.total for log in logs), "known": sum(log.report.known for log in logs)}
     figures |= {"unread": sum(log.report.unread for log in logs)}
     return Result(imported, (*imported.summary().splitlines(), *notes), figures, (*unread, *notes))

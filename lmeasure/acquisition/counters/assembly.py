@@ -1,8 +1,9 @@
 """Assembly of counts from frames: the rig's assembler, whole batches at once, and faults that only the whole run shows."""
 
+import itertools
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,10 +14,10 @@ from lmeasure.acquisition.counters.counters import CounterState, DeviceReport, S
 from lmeasure.acquisition.counters.decoders import CounterField, decode
 from lmeasure.acquisition.counters.events import Event, EventLog
 from lmeasure.acquisition.counters.origins import longest_interval
-from lmeasure.acquisition.counters.samples import LONGEST_HOLD_S, PERIODS, Assembler, Samples, SyncAssembler, joined, pace, paused, tie
+from lmeasure.acquisition.counters.samples import LONGEST_HOLD_S, PERIODS, Assembler, Samples, SyncAssembler, pace, paused, tie
+from lmeasure.acquisition.counters.stalls import mark_stalls
 from lmeasure.core import AcquisitionError, BoolArray, FloatArray, IntArray
-from lmeasure.kernels import rests
-from lmeasure.recording import Counts
+from lmeasure.recording import Counts, joined_counts
 from lmeasure.rig import Drum, Rig, SensorTable
 from lmeasure.text import composed, message
 
@@ -284,9 +285,6 @@ TIGHT_MM, TIGHT_DEG = 1.0, 0.1
 """Size of a motion across a gap below which a restart at zero would be detected."""
 HARD_MM_S2, HARD_DEG_S2 = 50_000.0, 100_000.0
 """The hardest acceleration of any machine."""
-STALL_S = 1.0
-STALL_OTHERS_MM = 20.0
-"""A channel that keeps its count for STALL_S while the median of the others is moved this far (there and back counts) is stuck."""
 
 
 @dataclass(frozen=True)
@@ -332,67 +330,35 @@ def counts_from_frames(
 
     AcquisitionError when there is not one sample.
     """
-    assembler = new_assembler(rig, fields, passage)
-    parts, frames = [], 0
-    for batch in batches:
-        parts.append(assembler.feed(batch))
-        frames += len(batch)
-    parts.append(assembler.feed(no_frames(source), last=True))
-    samples = joined(parts)
-    if len(samples.time_s) == 0:
-        table = rig.can_table
-        own = message("bus.frame_of_channel", channel=fields[0].channel)
-        wanted = composed("SYNC {sync_id:#x}", sync_id=table.sync_id) if table.timing == "sync" else own
-        raise AcquisitionError(message("error.frames_but_no_among", where=source, frames=frames, wanted=wanted))
-    channels = tuple(f.channel for f in fields)
-    frame, stamp_s = samples.frames or (None, None)
-    counts = Counts(
-        samples.time_s, channels, samples.recorded, samples.start_input, source, samples.u_time_s, stamp_s=stamp_s, frames=frame
-    )
+    assembler, frames = new_assembler(rig, fields, passage), 0
+
+    def counted() -> Iterator[Frames]:
+        nonlocal frames
+        for batch in batches:
+            frames += len(batch)
+            yield batch
+
+    counts = joined_counts(list(counts_in_pieces(rig, assembler, counted(), fields, source=source)))
     marked = mark_stalls(rig, counts, assembler.events, passage)
     return Assembled(counts if marked is None else marked, assembler.events, frames)
 
 
-def mark_stalls(rig: Rig, counts: Counts, events: EventLog, passage: int = 1, *, origin_s: float = 0.0) -> Counts | None:
-    """Return the counts with empty cells where a channel is stuck while the others move, and an event for each; None without any.
-
-    Six cables have no redundancy: a stuck counter gives a plausible pose. A cable does not keep its length to the count by itself while
-    others move by centimetres. origin_s: start of the counts' times by the frames' clock.
-    """
-    drums = rig.drums_of(passage)
-    given = counts
-    # a swivel may rest while cables move
-    own = [j for j, channel in enumerate(given.channels) if channel in drums]
-    counts = replace(given, channels=tuple(given.channels[j] for j in own), recorded=given.recorded[:, own], stamp_s=None, frames=None)
-    if len(own) < 2:
-        return None
-    still = [rests(counts.time_s, column, STALL_S) for column in counts.recorded.T]
-    if not any(len(stretches) for stretches in still):
-        return None
-    mm = np.array([drums[c].count_length_mm / drums[c].scale for c in counts.channels])
-    moves = np.diff(counts.recorded, axis=0, prepend=counts.recorded[:1])
-    for j, channel in enumerate(counts.channels):
-        bits = drums[channel].counter_bits
-        if bits is not None:
-            moves[:, j] = (moves[:, j] + 2.0 ** (bits - 1)) % 2.0**bits - 2.0 ** (bits - 1)
-    way = np.cumsum(np.nan_to_num(np.abs(moves)) * mm, axis=0)
-    recorded = counts.recorded.copy()
-    found = False
-    for j, channel in enumerate(counts.channels):
-        for first, last in still[j].tolist():
-            others = np.delete(way[last] - way[first], j)
-            if drums[channel].braked or np.median(others) < STALL_OTHERS_MM:
-                continue
-            # the others were still at rest up to here, so the count is valid
-            begin = first + int(np.argmax(np.median(np.delete(way[first : last + 1] - way[first], j, axis=1), axis=1) > 0))
-            recorded[begin : last + 1, j] = np.nan
-            lasted = float(counts.time_s[last] - counts.time_s[begin])
-            span = message("event.stall", seconds=lasted, others=float(np.median(others)))
-            events.add(Event(begin, origin_s + float(counts.time_s[begin]), channel, "stall", span))
-            found = True
-    if not found:
-        return None
-    marked = given.recorded.copy()
-    marked[:, own] = recorded
-    frames = None if given.frames is None else np.where(np.isnan(marked) & ~np.isnan(given.recorded), np.nan, given.frames)
-    return replace(given, recorded=marked, frames=frames)
+def counts_in_pieces(
+    rig: Rig, assembler: Assembler, batches: Iterable[Frames], fields: tuple[CounterField, ...], *, source: str
+) -> Iterator[Counts]:
+    """Yield the counts of one pass as they are known, without marks of stalls; AcquisitionError when there is not one sample."""
+    frames = first = 0
+    channels = tuple(f.channel for f in fields)
+    for batch in itertools.chain(batches, (None,)):
+        samples = assembler.feed(no_frames(source) if batch is None else batch, last=batch is None)
+        frames += 0 if batch is None else len(batch)
+        if len(samples.time_s):
+            frame, stamp_s = samples.frames or (None, None)
+            start, skew = samples.start_input, samples.u_time_s
+            yield Counts(samples.time_s, channels, samples.recorded, start, source, skew, first=first, stamp_s=stamp_s, frames=frame)
+            first += len(samples.time_s)
+    if not first:
+        table = rig.can_table
+        own = message("bus.frame_of_channel", channel=fields[0].channel)
+        wanted = composed("SYNC {sync_id:#x}", sync_id=table.sync_id) if table.timing == "sync" else own
+        raise AcquisitionError(message("error.frames_but_no_among", where=source, frames=frames, wanted=wanted))

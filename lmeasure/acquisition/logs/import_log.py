@@ -1,8 +1,10 @@
 """Import of logs of CAN frames as a run: each log is one pass of the motion."""
 
+import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -10,20 +12,20 @@ import numpy as np
 
 from lmeasure.acquisition.bus.canopen import as_mapped, fields_in_log
 from lmeasure.acquisition.bus.frames import ERROR, EXTENDED, Frames, pieces
-from lmeasure.acquisition.counters.assembly import counts_from_frames
+from lmeasure.acquisition.counters.assembly import counts_in_pieces, new_assembler
 from lmeasure.acquisition.counters.decoders import STANDARD_IDENTIFIERS, CounterField, counter_fields, dbc_file, decode
 from lmeasure.acquisition.counters.events import EventLog, event_columns
+from lmeasure.acquisition.counters.stalls import Stall, Stalls, marked, note_stalls
+from lmeasure.acquisition.logs.kept_counts import KeptCounts
 from lmeasure.acquisition.logs.read import identifiers_in, log_batches
 from lmeasure.acquisition.logs.report import LogReport
 from lmeasure.core import AcquisitionError, FileFormatError, FloatArray, OverwriteError, pasted, version_of
 from lmeasure.io import files
-from lmeasure.recording import Counts, Run, UStart, write_run
+from lmeasure.recording import Counts, Run, UStart, joined_counts, write_counts_in_pieces, write_run
 from lmeasure.rig import CalibrationRecord, CanOpenCan, DbcCan, DbcChannel, Rig
 from lmeasure.text import Lines, message
 
 SHOWN_IDENTIFIERS = 12
-PAUSE_S = 5.0
-"""Time without any counter on a recorded bus that counts as an interruption."""
 SHOWN_SEAMS = 3
 
 
@@ -72,23 +74,53 @@ class ImportedLog:
 
     path: Path
     sha256: str
-    counts: Counts
-    start_s: float
+    kept: KeptCounts
+    stalls: list[Stall]
     report: LogReport
     survey: Survey
     events: EventLog
     fields: tuple[CounterField, ...]
 
+    @property
+    def start_s(self) -> float:
+        """Return the time of the first sample by the log's own clock."""
+        return self.kept.first_s
+
+    @property
+    def samples(self) -> int:
+        """Return their number."""
+        return self.kept.samples
+
+    @property
+    def seconds(self) -> float:
+        """Return the time from the first sample to the last."""
+        return self.kept.last_s - self.kept.first_s
+
+    def pieces(self) -> Iterator[Counts]:
+        """Yield the counts piece by piece."""
+        for piece in self.kept.pieces():
+            own_s = None if piece.stamp_s is None else piece.stamp_s - self.start_s
+            yield replace(marked(piece, self.stalls), time_s=piece.time_s - self.start_s, stamp_s=own_s)
+
+    @cached_property
+    def counts(self) -> Counts:
+        """Return the counts as a whole."""
+        return joined_counts(list(self.pieces()))
+
+    def write(self, path: Path, first: Counts) -> None:
+        """Write the counts piece by piece."""
+        whole = self.kept.whole & ~np.isin(np.arange(len(first.channels)), [stall.channel for stall in self.stalls])
+        write_counts_in_pieces(path, self.pieces(), whole)
+
     def lines(self) -> list[str]:
         """Return lines with the content of the log."""
-        duration = float(self.counts.time_s[-1])
         return [
             message(
                 "acquisition.frames_samples_s",
                 file=self.path,
                 frames=self.report.frames,
-                samples=len(self.counts.time_s),
-                seconds=duration,
+                samples=self.samples,
+                seconds=self.seconds,
                 faults=self.events.summary(),
             ),
             *self.survey.lines(),
@@ -100,16 +132,12 @@ class ImportedLog:
     def seams(self) -> list[str]:
         """Return a line for each of the first places where the log may be two recordings, one behind the other, by the log's own clock."""
         advice = message("log.two_recordings")
-        times = self.counts.time_s
         out: list[str] = []
-        steps = np.diff(times)
-        for i in np.flatnonzero(steps > max(PAUSE_S, 100.0 * float(np.median(steps)))) if len(steps) else ():
-            of = {"log": self.path, "seconds": float(steps[i]), "last": float(self.start_s + times[i])}
-            out.append(message("log.silence", advice=advice, **of))
-        for event in self.events.kept:
-            if event.kind == "time":
-                last = self.start_s + times[max(min(event.sample, len(times)) - 1, 0)]
-                out.append(message("log.clock", log=self.path, how=event.text, last=float(last), advice=advice))
+        for last, seconds in self.kept.silences():
+            out.append(message("log.silence", advice=advice, log=self.path, seconds=seconds, last=last))
+        for event in itertools.islice((event for event in self.events.kept if event.kind == "time"), SHOWN_SEAMS):
+            last = self.kept.time_of(max(min(event.sample, self.samples) - 1, 0))
+            out.append(message("log.clock", log=self.path, how=event.text, last=last, advice=advice))
         return out[:SHOWN_SEAMS]
 
 
@@ -117,9 +145,15 @@ class ImportedLog:
 class Imported:
     """Run from logs, the content of each log, and the files that the rig's `[can]` table names, by name."""
 
-    run: Run
+    head: Run
+    """Run with the first piece of the counts of each pass."""
     logs: tuple[ImportedLog, ...]
     beside: Mapping[str, bytes] = field(default_factory=dict)
+
+    @cached_property
+    def run(self) -> Run:
+        """Return the run with all counts in memory."""
+        return replace(self.head, passes=tuple(log.counts for log in self.logs))
 
     def summary(self) -> str:
         return Lines(line for log in self.logs for line in log.lines())
@@ -149,7 +183,7 @@ def import_logs(
     for log in found:
         rig = as_mapped(rig, log.fields)
     rig, beside = with_files_beside(rig, folder)
-    return Imported(Run(rig, start, tuple(log.counts for log in found), calibration, u_start), found, beside)
+    return Imported(Run(rig, start, tuple(next(log.pieces()) for log in found), calibration, u_start), found, beside)
 
 
 def _import_log(
@@ -158,25 +192,27 @@ def _import_log(
     fields = fields_of_log(rig, passage, folder, log)
     report, survey = LogReport(), Survey()
     batches = _of_one_bus(log_batches(log, report, progress), fields, rig.can_table.sync_id, bus, survey, log)
+    assembler, channels = new_assembler(rig, fields, passage), tuple(f.channel for f in fields)
+    kept, search = KeptCounts(), Stalls(rig, channels, passage)
     try:
-        assembled = counts_from_frames(rig, pieces(batches), fields, passage, source=str(log))
+        for counts in counts_in_pieces(rig, assembler, pieces(batches), fields, source=str(log)):
+            kept.add(counts)
+            search.add(counts)
     except AcquisitionError:
         if report.frames == 0:
             raise FileFormatError(report.empty(log)) from None
         raise
+    stalls, events = search.found(), assembler.events
+    note_stalls(stalls, channels, events)
     if report.unread:
-        assembled.events.tally["unread"] = report.unread
-    for one, column in zip(fields, assembled.counts.recorded.T, strict=True):
-        if np.isnan(column).all():
+        events.tally["unread"] = report.unread
+    for one, counted in zip(fields, kept.counted, strict=True):
+        if not counted:
             there = ", ".join(_name(i) for i in sorted(survey.identifiers)[:SHOWN_IDENTIFIERS])
             wanted = f"{one.identifier:X}{'x' if one.extended else ''}"
             reported = message("log.no_count", wanted=wanted, found=there, command=f"lmeasure import {pasted(log)} --scan")
             raise AcquisitionError(message("error.channel", where=log, channel=one.channel, reported=reported))
-    start_s = float(assembled.counts.time_s[0])
-    own_s = assembled.counts.stamp_s
-    counts = replace(assembled.counts, time_s=assembled.counts.time_s - start_s, stamp_s=None if own_s is None else own_s - start_s)
-    digest = files.sha256(log)
-    return ImportedLog(log, digest, counts, start_s, report, survey, assembled.events, fields)
+    return ImportedLog(log, files.sha256(log), kept, stalls, report, survey, events, fields)
 
 
 def fields_of_log(rig: Rig, passage: int, folder: Path, log: Path) -> tuple[CounterField, ...]:
@@ -265,8 +301,8 @@ def write_import(out: Path, imported: Imported, suffix: str = ".csv", *, force: 
             "timestamps": "log",
             "software": f"lmeasure {version_of('lmeasure')}",
             "first_sample_s": log.start_s,
-            "samples": len(log.counts.time_s),
-            "seconds": float(log.counts.time_s[-1]),
+            "samples": log.samples,
+            "seconds": log.seconds,
             "received": log.report.frames,
             "read": log.report.as_dict(),
             "faults": dict(sorted(log.events.tally.items())),
@@ -278,4 +314,4 @@ def write_import(out: Path, imported: Imported, suffix: str = ".csv", *, force: 
     for name, content in imported.beside.items():
         if not (out / name).exists() or files.read_bytes(out / name) != content:
             files.write_bytes(out / name, content)
-    write_run(out, imported.run, {"recording": recording}, suffix)
+    write_run(out, imported.head, {"recording": recording}, suffix, writers=[log.write for log in imported.logs])
