@@ -226,8 +226,8 @@ def write_counts(path: Path, counts: Counts, metadata: Mapping[str, str] | None 
 
 def joined_counts(parts: Sequence[Counts]) -> Counts:
     """Return the pieces of one pass, one after the other, as one; FileFormatError where their times do not rise."""
-    columns = ("time_s", "recorded", "sync", "u_time_s", "temperature_c", "stamp_s", "frames")
-    every = {name: [getattr(part, name) for part in parts] for name in columns}
+    names = ("time_s", "recorded", "sync", "u_time_s", "temperature_c", "stamp_s", "frames")
+    every: dict[str, Any] = {name: [getattr(part, name) for part in parts] for name in names}
     return replace(parts[0], **{name: None if values[0] is None else np.concatenate(values) for name, values in every.items()})
 
 

@@ -202,8 +202,8 @@ MAX_PATH_POINTS = 20000
 SHADES = 16  # of a way, by its 95 % radius
 # thicknesses in pixels stay visible at any distance
 CABLE, THIN, THICK = rr.Radius.ui_points(1.2), rr.Radius.ui_points(0.8), rr.Radius.ui_points(2.0)
-ARC_POINTS = 13
-CIRCLE_POINTS = 25
+SAGITTA_MM = 0.5
+"""Largest distance of a drawn arc from the true one: less than a pixel of a screen that the rig fills."""
 
 GREY, TRUTH_COLOUR = (130, 130, 130), (120, 220, 120)
 PLAIN = (118, 124, 138)
@@ -236,6 +236,12 @@ def _arcs(centres: FloatArray, bases: FloatArray, along: FloatArray, angles: Flo
     return np.asarray(centres[..., None, :] + np.sin(turn) * along[:, None, :] - np.cos(turn) * outward[..., None, :])
 
 
+def _points(rows: FloatArray, angle: float) -> int:
+    """Return how many points an arc through that angle [rad] about the largest pulley of the rows needs."""
+    step = 2.0 * np.arccos(1.0 - min(SAGITTA_MM / max(rows[:, RADIUS].max(), SAGITTA_MM), 0.5))
+    return max(int(np.ceil(angle / step)), 1) + 1
+
+
 def send_tool(rec: rr.RecordingStream, indexes: Sequence[rr.TimeColumn], poses: FloatArray, *, place_only: bool) -> None:
     """Tool at (n, 7) poses [mm]; a pose of NaN shows nothing.
 
@@ -265,14 +271,15 @@ def draw_frames(
         _log_looks(rec, rig, place_only=place_only)
     centre, tangent, attachment, angle = wrap_geometry(rows, poses)
     along = rows[:, RADIUS, None] * rows[:, GUIDE_XYZ]
-    wrapped = _arcs(centre, rows[:, BASE_XYZ], along, angle, ARC_POINTS)
+    wrapped = _arcs(centre, rows[:, BASE_XYZ], along, angle, _points(rows, angle.max(initial=0.0)))
     cables = metres(np.concatenate([wrapped, attachment[:, :, None, :]], axis=2))
     for j, c in enumerate(rig.cable):
         strips = rr.LineStrips3D.columns(strips=cables[:, j]).partition(shown)
         rec.send_columns(entity_path("world", "cables", c.name), indexes, strips)
-    circles = metres(_arcs(centre, rows[:, BASE_XYZ], along, np.full(angle.shape, 2 * np.pi), CIRCLE_POINTS))
+    circles = metres(_arcs(centre, rows[:, BASE_XYZ], along, np.full(angle.shape, 2 * np.pi), _points(rows, 2 * np.pi)))
     m = len(rig.cable)
-    rec.send_columns("/world/pulleys", indexes, rr.LineStrips3D.columns(strips=circles.reshape(-1, CIRCLE_POINTS, 3)).partition(m * shown))
+    strips = rr.LineStrips3D.columns(strips=circles.reshape(-1, *circles.shape[2:]))
+    rec.send_columns("/world/pulleys", indexes, strips.partition(m * shown))
     points = rr.Points3D.columns(positions=metres(tangent.reshape(-1, 3)))
     rec.send_columns("/world/tangent_points", indexes, points.partition(m * shown))
     # the platform: through the attachment points in the order of the cables, each once
