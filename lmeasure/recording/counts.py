@@ -227,8 +227,9 @@ def write_counts(path: Path, counts: Counts, metadata: Mapping[str, str] | None 
 def joined_counts(parts: Sequence[Counts]) -> Counts:
     """Return the pieces of one pass, one after the other, as one; FileFormatError where their times do not rise."""
     names = ("time_s", "recorded", "sync", "u_time_s", "temperature_c", "stamp_s", "frames")
-    every: dict[str, Any] = {name: [getattr(part, name) for part in parts] for name in names}
-    return replace(parts[0], **{name: None if values[0] is None else np.concatenate(values) for name, values in every.items()})
+    parted = {name: [getattr(part, name) for part in parts] for name in names}
+    whole: dict[str, Any] = {name: None if values[0] is None else np.concatenate(values) for name, values in parted.items()}
+    return replace(parts[0], **whole)
 
 
 def write_counts_in_pieces(path: Path, pieces: Iterable[Counts], whole: BoolArray) -> None:

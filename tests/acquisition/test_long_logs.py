@@ -78,10 +78,9 @@ def test_stalls_are_found_wherever_pieces_end(seed: int) -> None:
     rng, n = np.random.default_rng(seed), 4000
     moves = rng.integers(-30, 31, (n, 6))
     for _ in range(6):  # all stand, and one is stuck
-        begin = rng.integers(0, n - 300)
-        moves[begin : begin + rng.integers(50, 300)] = 0
-        begin = rng.integers(0, n - 900)
-        moves[begin : begin + rng.integers(60, 900), rng.integers(6)] = 0
+        standing, stuck = (int(rng.integers(0, n - most)) for most in (300, 900))
+        moves[standing : standing + rng.integers(50, 300)] = 0
+        moves[stuck : stuck + rng.integers(60, 900), rng.integers(6)] = 0
     recorded = np.cumsum(moves, axis=0).astype(np.float64)
     recorded[rng.random(recorded.shape) < 0.02] = np.nan
     recorded[rng.integers(0, n - 200) :][:150] = np.nan

@@ -164,7 +164,7 @@ def test_cables_run_over_their_pulleys(written: tuple[Path, SimulatedRun, Trajec
                 np.testing.assert_allclose(np.linalg.norm(arc - centre, axis=1), radius, atol=1e-6)
             # it starts along u and leaves along the tangent
             first, straight = strip[1] - strip[0], end - tangent
-            assert first @ u > 0.99 * np.linalg.norm(first)
+            assert first @ u > (1.0 - 0.0005 / radius) * np.linalg.norm(first)  # chords are at most 0.5 mm off the arc
             assert abs(straight @ (tangent - centre)) < 1e-6
             assert straight @ (strip[-2] - strip[-3]) > 0
 

@@ -45,7 +45,7 @@ class KeptCounts:
 
     def add(self, piece: Counts) -> None:
         """Take the next piece."""
-        times, there = piece.time_s, ~np.isnan(piece.recorded).all(axis=0)
+        times, there = piece.time_s, np.asarray(~np.isnan(piece.recorded).all(axis=0))
         if not self.samples:
             self.first_s, self.counted, self.whole = float(times[0]), there, piece.whole()
             steps, before = np.diff(times), times[:-1]
@@ -69,7 +69,7 @@ class KeptCounts:
         try:
             if self._file is None:
                 self._file = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as the counts
-                self._packed = igzip.IGzipFile(fileobj=self._file, mode="wb", compresslevel=1)
+                self._packed = igzip.IGzipFile(fileobj=self._file, mode="wb", compresslevel=1)  # type: ignore[no-untyped-call]
                 weakref.finalize(self, _close, self._packed, self._file)
             pickle.dump(joined_counts(self._parts), self._packed, protocol=5)
         except OSError as error:
@@ -82,7 +82,7 @@ class KeptCounts:
         if self._blocks:
             self._packed.close()
             self._file.seek(0)
-            packed = igzip.IGzipFile(fileobj=self._file, mode="rb")
+            packed: Any = igzip.IGzipFile(fileobj=self._file, mode="rb")  # type: ignore[no-untyped-call]
             for _ in range(self._blocks):
                 yield pickle.load(packed)
         if self._parts:
