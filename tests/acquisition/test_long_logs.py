@@ -55,7 +55,7 @@ def test_a_full_temporary_disk_is_one_line(tmp_path: Path, monkeypatch: pytest.M
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(kept_counts, "KEPT_SAMPLES", 100)
-    monkeypatch.setattr(kept_counts.pickle, "dump", full)
+    monkeypatch.setattr("pickle.dump", full)
     with pytest.raises(LMeasureError, match="cannot be written"):
         import_logs([write(tmp_path / "drive.blf", counter_log(300, 1))], six_cables(), None)
 
