@@ -124,7 +124,7 @@ def test_passes_of_one_motion_join_one_folder(recorded: Path, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("asked", "complaint"),
+    ("requested", "complaint"),
     [
         ({"start": "1,2,3"}, "--start '1,2,3': is neither six numbers, x,y,z in mm and the rig's three angles, nor seven"),
         ({"start": "1,2,3,0,0,0,2"}, "the quaternion's length is 2, not 1"),

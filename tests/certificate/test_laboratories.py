@@ -175,7 +175,7 @@ def test_lists_and_units_of_other_laboratories_are_read(tmp_path: Path) -> None:
         ("length: angle", pytest.approx(180.0), "deg", None),
         ("length: mass", 2.0, r"\kilogram", 0.1),
     ]
-    with pytest.raises(LMeasureError, match=r"valueExpandedMUXMLList has 3 values, but there are 2 results"):
+    with pytest.raises(LMeasureError, match=r"valueExpandedMUXMLList has 3 values for 2 results"):
         read_dcc(of_another_program(tmp_path / "bad.xml", quantity("", LIST.format("1 2", r"\metre", "1 2 3"))))
 
 

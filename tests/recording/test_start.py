@@ -51,7 +51,7 @@ def test_the_rigs_side_and_place_alone_may_be_enough(tmp_path: Path) -> None:
 def test_what_nothing_chooses_is_listed(tmp_path: Path) -> None:
     rig = cell()
     folder(tmp_path, rig, {"lengths_mm": lengths_of(rig)})
-    with pytest.raises(FileFormatError, match=r"run.toml: start: lengths_mm fit assemblies, \d: .*\(0.0, .*0.0\) mm.*. State position_mm"):
+    with pytest.raises(FileFormatError, match=r"run.toml: start: lengths_mm fit assemblies, \d: .*\(0.0, .*0.0\) mm.*. State the approximate position_mm"):
         read_run(tmp_path)
 
 
@@ -63,7 +63,7 @@ def test_where_assemblies_may_have_been_missed_only_a_stated_place_chooses(tmp_p
     folder(tmp_path, rig, {"lengths_mm": lengths_of(rig), "position_mm": [0.0, 0.0, 0.0]})
     np.testing.assert_allclose(read_run(tmp_path).known_start, START, atol=1e-9)
     folder(tmp_path, rig, {"lengths_mm": lengths_of(rig)})
-    with pytest.raises(FileFormatError, match=r"assembl.*\(there may be others\). State position_mm"):
+    with pytest.raises(FileFormatError, match=r"assembl.*\(there may be others\). State the approximate position_mm"):
         read_run(tmp_path)
 
 

@@ -323,7 +323,7 @@ SOME = '<limit lower="0" upper="1"/>'
         ([], {"tip": "a3"}, "it is a joint, whose link is 'l3'"),
         ([], {"tip": "nowhere"}, "links that end a chain: l4"),
         ([], {"base": "l9"}, "link 'l9' is not fixed to any link of the chain to 'l4'"),
-        ([Part("p", "planar", "l4", "l5"), Part("q", "revolute", "l5", "l6")], {}, "type 'planar' is none of .*state with --base-link"),
+        ([Part("p", "planar", "l4", "l5"), Part("q", "revolute", "l5", "l6")], {}, "type 'planar' is none of .*State with --base-link"),
         ([Part("s", "prismatic", "l4", "tool0")], {}, "joint 's': <limit> is missing, which a prismatic joint needs"),
         ([Part("s", "prismatic", "l4", "tool0", limit=SOME, mimic=("a1", 0.0, 0.0))], {}, "multiplier 0"),
     ],

@@ -297,7 +297,7 @@ def test_no_fit_crosses_a_gap(tmp_path: Path) -> None:
         there = ~np.isnan(motion.velocity[:, 3])
         assert there.mean() > 0.95
         np.testing.assert_allclose(motion.velocity[there, 3], np.where(t < 2.1, 100.0, -100.0)[there], atol=1e-6)
-    assert "1 gaps in the samples, the longest 0.2" in ran("motion", tmp_path / "t.csv", "--out", tmp_path / "m.csv")
+    assert "1 gap in the samples, the longest 0.2" in ran("motion", tmp_path / "t.csv", "--out", tmp_path / "m.csv")
 
 
 def run_with(stamps: FloatArray, t: FloatArray) -> Run:

@@ -47,7 +47,7 @@ def test_zone_as_two_clouds(tmp_path: Path) -> None:
         assert sorted(nodes[side]) == sorted(expected)
     notes = stored(path, "/notes", "TextDocument:text")[1][0][0]
     assert "7 of 12 nodes" in notes
-    assert "1 nodes have no angle" in notes
+    assert "1 node has no angle and is not drawn" in notes
 
 
 def test_zone_has_a_skin(tmp_path: Path) -> None:

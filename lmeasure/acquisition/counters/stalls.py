@@ -44,12 +44,12 @@ class _Rest:
     moved: bool = False
 
     @classmethod
-    def at(cls, row: int, first: int, time_s: FloatArray, value: float, way: FloatArray) -> Self:
+    def at(cls, row: int, first: int, time_s: FloatArray, value: float, *, way: FloatArray) -> Self:
         """Begin at a row of a piece whose first sample has number `first`."""
         t, number = float(time_s[row]), first + row
         return cls(value, t, way[row].copy(), number, t, way[row].copy(), number, t)
 
-    def extend(self, rows: slice, first: int, time_s: FloatArray, column: FloatArray, way: FloatArray, *, j: int) -> None:
+    def extend(self, rows: slice, first: int, time_s: FloatArray, column: FloatArray, *, way: FloatArray, j: int) -> None:
         """Go on over rows of a piece that have no other count of channel j."""
         same = np.flatnonzero(column[rows] == self.value)
         if len(same):
@@ -107,7 +107,7 @@ class Stalls:
         if rest is not None:
             others = seen[column[seen] != rest.value]
             end = int(others[0]) if len(others) else n
-            rest.extend(slice(0, end), first, time_s, column, way, j=j)
+            rest.extend(slice(0, end), first, time_s, column, way=way, j=j)
         if not len(seen) or end == n:
             return
         self._judge(j, rest)
@@ -119,11 +119,11 @@ class Stalls:
         )
         inner = slice(end, begun)
         for a, b in (rests(time_s[inner], column[inner], STALL_S) + end).tolist():
-            whole = _Rest.at(a, first, time_s, float(column[a]), way)
-            whole.extend(slice(a, b + 1), first, time_s, column, way, j=j)
+            whole = _Rest.at(a, first, time_s, float(column[a]), way=way)
+            whole.extend(slice(a, b + 1), first, time_s, column, way=way, j=j)
             self._judge(j, whole)
-        self._rests[j] = rest = _Rest.at(begun, first, time_s, value, way)
-        rest.extend(slice(begun, n), first, time_s, column, way, j=j)
+        self._rests[j] = rest = _Rest.at(begun, first, time_s, value, way=way)
+        rest.extend(slice(begun, n), first, time_s, column, way=way, j=j)
 
     def _judge(self, j: int, rest: _Rest | None) -> None:
         """Keep a rest that is a stall."""
