@@ -51,7 +51,9 @@ def test_the_rigs_side_and_place_alone_may_be_enough(tmp_path: Path) -> None:
 def test_what_nothing_chooses_is_listed(tmp_path: Path) -> None:
     rig = cell()
     folder(tmp_path, rig, {"lengths_mm": lengths_of(rig)})
-    with pytest.raises(FileFormatError, match=r"run.toml: start: lengths_mm fit assemblies, \d: .*\(0.0, .*0.0\) mm.*. State the approximate position_mm"):
+    with pytest.raises(
+        FileFormatError, match=r"run.toml: start: lengths_mm fit assemblies, \d: .*\(0.0, .*0.0\) mm.*. State the approximate position_mm"
+    ):
         read_run(tmp_path)
 
 
