@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -33,12 +34,18 @@ from lmeasure.trajectory import reconstruct
 TESTS = Tests(tests=("pose", "stabilisation"), speeds_percent=(100.0,), dwell_s=2.9, settle_s=0.5, cycles={"pose": 2, "stabilisation": 2})
 
 
-def evaluated(motion: Dithering, *, stated: bool) -> Evaluation:
-    """Evaluate the pose by counts at 100 Hz, exact but for their rounding."""
+def evaluated(motion: Dithering, *, stated: bool, unstated: Literal["typical", "exact"] = "exact", play: float = 0.0) -> Evaluation:
+    """Evaluate the pose by counts at 100 Hz, exact but for their rounding; play: of each counter [counts]."""
     instrument, time_s = Instrument("cell-run"), np.arange(int(motion.lasts_s * 100.0)) / 100.0
     recorded = instrument.recorded(motion, np.tile(time_s[:, None], (1, len(instrument.channels))))
     run = read_run(TRUTH / "cell-run")
-    run = replace(run, rig=run.rig.model_copy(update={"unstated": "exact"}), unstated="exact", start=np.array([0.0] * 6 + [1.0]))
+    if play:
+        places, turns, *_ = motion.at(time_s)
+        counts = np.stack([instrument.counts(j, places, turns) for j in range(len(instrument.channels))], axis=1)
+        for i in range(1, len(counts)):
+            counts[i] = np.clip(counts[i - 1], counts[i] - 0.5 * play, counts[i] + 0.5 * play)
+        recorded = np.rint(counts - counts[:1])
+    run = replace(run, rig=run.rig.model_copy(update={"unstated": unstated}), unstated=unstated, start=np.array([0.0] * 6 + [1.0]))
     run = zeroed_exactly(replace(run, passes=(Counts(time_s, instrument.channels, recorded),)))
     pose = {"name": "P", "position_mm": motion.commanded.tolist(), "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0], "windows_s": motion.windows()}
     swing = {"dither_mm": [0.05, 0.05, 0.05], "dither_s": 1.0} if stated else {}
@@ -69,6 +76,18 @@ def test_a_stated_swing_makes_rp_finer_than_a_count() -> None:
         assert [getattr(f, "code", "") for f in by_swing.notes if str(getattr(f, "code", "")).startswith("iso.dither")] == [
             "iso.dither_found"
         ]
+
+
+@pytest.mark.parametrize("play", [0.0, 2.0])
+def test_unstated_play_is_common_to_all_swings(play: float) -> None:
+    """Every swing passes the same places in the same directions, so the repeatability keeps its gain."""
+    swinging = Dithering(1, 10, 2, 0.05, 0.004)
+    (fine,), (rough,) = (
+        [c for c in evaluated(motion, stated=stated, unstated="typical", play=play).characteristics if c.name == "RP_l"]
+        for motion, stated in ((swinging, True), (Dithering(1, 10, 2, 0.0, 0.004), False))
+    )
+    assert abs(fine.value - repeatability(swinging.rests)) < fine.u95
+    assert fine.u95 < 0.45 * rough.u95
 
 
 def test_a_robot_that_does_not_swing_gains_nothing() -> None:

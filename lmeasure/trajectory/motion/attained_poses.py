@@ -209,10 +209,11 @@ def attain(
     dither_s: float | None = None,
 ) -> AttainedPose:
     """The attained poses of one commanded pose (7,), one per window: means, or the middles of a stated dither of a period dither_s."""
-    rows, middles, sampled, readings, worst = [], [], [], [], np.nan
+    rows, starts, middles, sampled, readings, worst = [], [], [], [], [], np.nan
     for cycle, (start, end) in enumerate(windows, 1):
         part, poses = dwell(trajectory, frame, start, end, still_mm=still_mm, what=f"pose {name}, cycle {cycle}")
         rows.append(mean_pose(poses))
+        starts.append(part.start)
         middles.append((part.start + part.stop - 1) // 2)
         changed = (np.abs(np.diff(trajectory.poses[part], axis=0)) > SAME).any(axis=1)
         readings.append(1 + int(changed.sum()))
@@ -223,6 +224,8 @@ def attain(
     if swings.dither_hz:
         turned = poses[:, 3:] if np.isnan(poses[0, 3]) else se3.displaced(poses, swings.middles)[:, 3:]
         poses = np.hstack([poses[:, :3] + swings.middles[:, 3:], turned])
+        at = [int(np.argmin(np.abs(t - t.mean() - s))) for (t, _), s in zip(sampled, swings.instants_s, strict=True)]
+        middles = [start + i for start, i in zip(starts, at, strict=True)]
     return AttainedPose(name, commanded, poses, times, np.array(middles, dtype=np.int64), swings, np.array(readings), worst)
 
 

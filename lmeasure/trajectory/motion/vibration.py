@@ -24,7 +24,7 @@ with the root of A only: three hundredths at two counts. The remainder about the
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -46,9 +46,9 @@ HARMONICS = np.arange(1, 33)
 SIZES = np.concatenate([np.linspace(0.0, 0.5, 26), np.geomspace(0.52, 40.0, 60)])  # Sizes of vibration [counts, rms] at which K is computed
 MOST_SHAPES = 8  # Dwells for its shape
 
-PACES = np.geomspace(0.5, 1.25, 301)  # Of a stated dither's frequency: turning round takes a robot some time
-OVERTONES = np.arange(1, 10)  # Of its fundamental, by which its shape is fitted
-STATED = 0.5  # Of the squares that waves along three axes explain at least where the robot carries out a dither
+PACES = np.geomspace(0.5, 1.25, 301)  # Tried frequencies, relative to the stated dither's: a robot needs time to reverse
+OVERTONES = np.arange(1, 10)  # Multiples of the fundamental frequency in the fitted shape
+STATED = 0.5  # Least share of the squares that waves along three axes explain if the robot carries out a dither
 NEAR = np.linspace(0.85, 1.15, 13)  # Sizes of a dither over the measured one: K has zeros and maxima, and the largest counts
 
 WIGGLES = 3.0  # Standard uncertainties of a curve that it may move by in a dwell though the robot rests
@@ -67,12 +67,15 @@ class Swing:
 @dataclass(frozen=True)
 class Vibration:
     """The dwells of a pose: swings, one each; of_mean (6, 6): covariance of a dwell's mean about the rest; frequencies_hz. dither_hz: that
-    of a stated dither, 0 where there is none. Its middles are the rests (n, 6), displacements from the means."""
+    of a stated dither, 0 where there is none. Its middles are the rests (n, 6), displacements from the means. instants_s (n,): times from
+    the mean time of each window at which a dither is in its longest straight piece: all channels travel in the same direction there in
+    every dwell, and play has the same error."""
 
     swings: tuple[Swing, ...]
     of_mean: FloatArray
     frequencies_hz: tuple[float, ...] = ()
     dither_hz: float = 0.0
+    instants_s: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def middles(self) -> FloatArray:
@@ -118,15 +121,17 @@ def vibration(dwells: Sequence[tuple[FloatArray, FloatArray]], dither_s: float |
     # vibration of one phase has a larger or smaller error than the average over phases: at least the observed one
     size, seen = (float(np.trace(m * LEVER * LEVER[:, None])) for m in (squares, missed))
     more = max(1.0, seen / size) if size > 0.0 else 1.0
+    instants_s = np.zeros(len(dwells))
     if dither:
-        swings = _alike_in_all(swings, [t for t, _ in centred], dither)
-    return Vibration(tuple(swings), more * squares / max(len(dwells), 1), tuple(found), dither)
+        swings, instants_s = _alike_in_all(swings, [t for t, _ in centred], dither)
+    return Vibration(tuple(swings), more * squares / max(len(dwells), 1), tuple(found), dither, instants_s)
 
 
-def _alike_in_all(swings: list[Swing], times: Sequence[FloatArray], hz: float) -> list[Swing]:
-    """Return the swings of a dither with the mean motion of all dwells, each in its own phase, at times (k,) about zero.
+def _alike_in_all(swings: list[Swing], times: Sequence[FloatArray], hz: float) -> tuple[list[Swing], FloatArray]:
+    """Return the swings of a dither with the mean motion of all dwells, each in its own phase, at times (k,) about zero, and `instants_s`.
 
-    The fit of a single dwell follows its rounded counts.
+    The fit of a single dwell follows its rounded counts. The longest straight piece is about the half period, where x passes zero
+    downwards: x alone has the fundamental.
     """
     waves = [np.exp(2j * np.pi * hz * np.outer(OVERTONES, t)) for t in times]
     fits = [np.linalg.lstsq(np.hstack([w.real.T, -w.imag.T]), s.motion, rcond=1e-6)[0] for w, s in zip(waves, swings, strict=True)]
@@ -135,7 +140,8 @@ def _alike_in_all(swings: list[Swing], times: Sequence[FloatArray], hz: float) -
     turned = np.exp(1j * np.outer(phases, OVERTONES))
     mean = (sizes * turned.conj()[:, :, None]).mean(axis=0)
     motions = [np.real((wave * turn[:, None]).T @ mean) for wave, turn in zip(waves, turned, strict=True)]
-    return [replace(s, motion=m - m.mean(axis=0)) for s, m in zip(swings, motions, strict=True)]
+    ahead = np.angle(1j * np.exp(-1j * np.angle(sizes[:, 0, 3])))
+    return [replace(s, motion=m - m.mean(axis=0)) for s, m in zip(swings, motions, strict=True)], ahead / (2.0 * np.pi * hz)
 
 
 def _dither(dwells: Sequence[tuple[FloatArray, FloatArray]], period_s: float) -> float:
