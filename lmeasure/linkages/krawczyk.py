@@ -23,7 +23,7 @@ from lmeasure.core import BoolArray, ComplexArray, FloatArray, IntArray
 from lmeasure.linkages import study_quadric
 from lmeasure.linkages.study_quadric import Array
 
-DIGITS = 160  # Binary digits of a pose's coordinates, the largest of which is 1
+DIGITS = 160  # Binary digits of the coordinates of a pose, of size 1 at most
 Whole = NDArray[np.object_]  # Of Python's integers
 
 

@@ -67,6 +67,9 @@ def test_rejected_candidates_are_left_early_and_the_search_finds_the_same(
     np.testing.assert_allclose(limited[better], whole[better], rtol=1e-12)
     assert (limited[~better] > known[~better]).all()
     assert (limited[~better] < whole[~better] - 1e-6).any()
+    # the limit is the known value itself, not one near it
+    np.testing.assert_allclose(search.worth(sample, whole), whole, rtol=1e-12)
+    assert (search.worth(sample, whole - 1e-6) > whole - 1e-6).all()
     np.testing.assert_array_equal(search.best_of(sample, 30), sample[np.argsort(whole)[:30]])
     placed = place(cell(), search.wanted, generations=4)
     monkeypatch.setattr(Search, "worth", lambda self, x, known=None, worth=Search.worth: worth(self, x))

@@ -9,6 +9,8 @@ from random_campaigns import draw
 from test_with_encoders import campaign_of, swivelled
 
 from lmeasure.calibration import Model, unknowns_of
+from lmeasure.calibration.campaign.campaign import Break
+from lmeasure.calibration.solve.unknowns import MOVE_MM
 from lmeasure.calibration.validation.misfit import explain_misfit
 from lmeasure.estimation import Fit, fit, improbable
 
@@ -149,6 +151,31 @@ def test_what_the_others_contradict_most_is_named(wrong: str) -> None:
         assert np.sqrt(np.mean(after.fit.residuals**2)) < 1.1 * np.sqrt(np.mean(clean.residuals**2))
     else:
         assert named == []
+
+
+def test_a_moved_point_was_elsewhere_at_the_poses_before_and_at_the_zero_pose() -> None:
+    """Columns of a move against differences of residuals by the point: of whole changes before it, and of the zero pose alone after it."""
+    campaign = draw(4, points=6, poses=20).campaign
+    model = Model(campaign, unknowns_of(campaign, ("position", "guide")))
+    cable, names = campaign.cables[2], campaign.poses.names
+    at_all_but_the_last, at_zero_alone = (
+        model.with_break(Break(cable.channel, name)).break_shifts(model.start)[:, 1:] / MOVE_MM for name in (names[-1], names[1])
+    )
+    own, step = model.cable_index == 2, 1e-4
+    whole = np.zeros((len(own), 3))
+    for axis in range(3):
+        moved = np.zeros_like(model.start)
+        moved[model.names.index(f"{cable.from_point}.{'xyz'[axis]}_mm")] = step
+        whole[:, axis] = (model.residuals(model.start + moved) - model.residuals(model.start - moved)) / (2.0 * step)
+    last = own & (model.pose_index == len(names) - 1)
+    before = own & ~last
+    assert before.sum() == 18
+    assert last.sum() == 1
+    sign = np.sign((at_all_but_the_last[before] * whole[before]).sum())  # of a move there or back
+    np.testing.assert_allclose(sign * at_all_but_the_last[before], whole[before], atol=1e-7)
+    np.testing.assert_allclose(at_all_but_the_last[last], at_zero_alone[last], atol=1e-12)
+    assert np.linalg.norm(at_zero_alone[own], axis=1) == pytest.approx(1.0, abs=1e-6)  # a straight span ends there
+    assert not at_zero_alone[~own].any()
 
 
 def silent(poses: int, left: int, u_mm: float) -> Fit:

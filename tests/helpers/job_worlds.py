@@ -150,7 +150,7 @@ async def _served(world: Workbench, folder: Path) -> None:
 
     async def look(server: Jobs, job: Job) -> None:
         async for event in server.watch(job):
-            if world.left is None:  # nothing is told after a kill
+            if world.left is None:  # a killed server reports nothing
                 world.told[job.number].append(event)
 
     for _ in range(int(world.rng.integers(5, 60))):

@@ -218,6 +218,15 @@ def test_attachment_points_on_one_line_tell_no_orientation(tool: dict[str, Any])
         rig.require_pose()
 
 
+def test_a_name_contains_no_quotation_mark() -> None:
+    """Names are headers of tables."""
+    data = six()
+    data["cable"][0]["channel"] = 'c"1'
+    with pytest.raises(RigError, match="channel") as raised:
+        rig_from_dict(data)
+    assert "\n" not in str(raised.value)
+
+
 @pytest.mark.parametrize(
     ("content", "line"),
     [

@@ -31,42 +31,43 @@ class Stall:
 
 @dataclass
 class _Rest:
-    """A count that stays the same: its value, first and last sample with time and paths (m,), and the first one at which others moved."""
+    """A count that stays the same: its value, its first and last sample with time [s] and paths (m,) [mm], and the first sample at which
+    others moved."""
 
     value: float
     first_s: float
-    way: FloatArray
+    path: FloatArray
     last: int
     last_s: float
-    last_way: FloatArray
+    last_path: FloatArray
     begin: int
     begin_s: float
     moved: bool = False
 
     @classmethod
-    def at(cls, row: int, first: int, time_s: FloatArray, value: float, *, way: FloatArray) -> Self:
+    def at(cls, row: int, first: int, time_s: FloatArray, value: float, *, path: FloatArray) -> Self:
         """Begin at a row of a piece whose first sample has number `first`."""
         t, number = float(time_s[row]), first + row
-        return cls(value, t, way[row].copy(), number, t, way[row].copy(), number, t)
+        return cls(value, t, path[row].copy(), number, t, path[row].copy(), number, t)
 
-    def extend(self, rows: slice, first: int, time_s: FloatArray, column: FloatArray, *, way: FloatArray, j: int) -> None:
-        """Go on over rows of a piece that have no other count of channel j."""
+    def extend(self, rows: slice, first: int, time_s: FloatArray, column: FloatArray, *, path: FloatArray, j: int) -> None:
+        """Extend the rest over rows of a piece that have no other count of channel j."""
         same = np.flatnonzero(column[rows] == self.value)
         if len(same):
             at = rows.start + int(same[-1])
-            self.last, self.last_s, self.last_way = first + at, float(time_s[at]), way[at].copy()
-        if self.moved or rows.stop == rows.start or not np.median(np.delete(way[rows.stop - 1] - self.way, j)) > 0:
+            self.last, self.last_s, self.last_path = first + at, float(time_s[at]), path[at].copy()
+        if self.moved or rows.stop == rows.start or not np.median(np.delete(path[rows.stop - 1] - self.path, j)) > 0:
             return
-        # up to here the others still stood: the count is good
-        at = rows.start + int(np.argmax(np.median(np.delete(way[rows] - self.way, j, axis=1), axis=1) > 0))
+        # the others had not moved before this row, so the count is good
+        at = rows.start + int(np.argmax(np.median(np.delete(path[rows] - self.path, j, axis=1), axis=1) > 0))
         self.begin, self.begin_s, self.moved = first + at, float(time_s[at]), True
 
 
 class Stalls:
-    """Search for stalls of the drums of one pass. A swivel may well stand still while cables are moved.
+    """Search for stalls of the drums of one pass. A swivel may rest while cables move.
 
-    Six cables have no redundancy: a stuck counter gives a plausible pose. A cable does not keep its length to the count by itself while
-    others move by centimetres.
+    Six cables have no redundancy: a stuck counter gives a plausible pose. A cable does not keep its length to one
+    count while others move by centimetres.
     """
 
     def __init__(self, rig: Rig, channels: tuple[str, ...], passage: int = 1) -> None:
@@ -75,7 +76,7 @@ class Stalls:
         self._drums = [drums[channels[j]] for j in self._own]
         self._mm = np.array([drum.count_length_mm / drum.scale for drum in self._drums])
         self._before: FloatArray | None = None
-        self._way = np.zeros((1, len(self._own)))
+        self._path = np.zeros((1, len(self._own)))
         self._rests: list[_Rest | None] = [None] * len(self._own)
         self._found: list[Stall] = []
         self._seen = 0
@@ -89,10 +90,10 @@ class Stalls:
         for j, drum in enumerate(self._drums):
             if drum.counter_bits is not None:
                 moves[:, j] = (moves[:, j] + 2.0 ** (drum.counter_bits - 1)) % 2.0**drum.counter_bits - 2.0 ** (drum.counter_bits - 1)
-        way = np.cumsum(np.concatenate([self._way, np.nan_to_num(np.abs(moves)) * self._mm]), axis=0)[1:]
+        path = np.cumsum(np.concatenate([self._path, np.nan_to_num(np.abs(moves)) * self._mm]), axis=0)[1:]
         for j, column in enumerate(np.ascontiguousarray(recorded.T)):
-            self._look(j, time_s, column, way)
-        self._before, self._way, self._seen = recorded[-1:].copy(), way[-1:].copy(), self._seen + len(time_s)
+            self._look(j, time_s, column, path)
+        self._before, self._path, self._seen = recorded[-1:].copy(), path[-1:].copy(), self._seen + len(time_s)
 
     def found(self) -> list[Stall]:
         """Return those of the whole run, when it has ended."""
@@ -100,18 +101,18 @@ class Stalls:
             self._judge(j, rest)
         return sorted(self._found, key=lambda stall: (stall.channel, stall.begin))
 
-    def _look(self, j: int, time_s: FloatArray, column: FloatArray, way: FloatArray) -> None:
+    def _look(self, j: int, time_s: FloatArray, column: FloatArray, path: FloatArray) -> None:
         """Follow the rests of one channel through a piece."""
         n, first, rest, end = len(time_s), self._seen, self._rests[j], 0
         seen = np.flatnonzero(~np.isnan(column))
         if rest is not None:
             others = seen[column[seen] != rest.value]
             end = int(others[0]) if len(others) else n
-            rest.extend(slice(0, end), first, time_s, column, way=way, j=j)
+            rest.extend(slice(0, end), first, time_s, column, path=path, j=j)
         if not len(seen) or end == n:
             return
         self._judge(j, rest)
-        # the last count of the piece may rest on in the next one
+        # the last count of the piece may continue in the next one
         value = float(column[seen[-1]])
         others = seen[column[seen] != value]
         begun = (
@@ -119,17 +120,17 @@ class Stalls:
         )
         inner = slice(end, begun)
         for a, b in (rests(time_s[inner], column[inner], STALL_S) + end).tolist():
-            whole = _Rest.at(a, first, time_s, float(column[a]), way=way)
-            whole.extend(slice(a, b + 1), first, time_s, column, way=way, j=j)
+            whole = _Rest.at(a, first, time_s, float(column[a]), path=path)
+            whole.extend(slice(a, b + 1), first, time_s, column, path=path, j=j)
             self._judge(j, whole)
-        self._rests[j] = rest = _Rest.at(begun, first, time_s, value, way=way)
-        rest.extend(slice(begun, n), first, time_s, column, way=way, j=j)
+        self._rests[j] = rest = _Rest.at(begun, first, time_s, value, path=path)
+        rest.extend(slice(begun, n), first, time_s, column, path=path, j=j)
 
     def _judge(self, j: int, rest: _Rest | None) -> None:
         """Keep a rest that is a stall."""
         if rest is None or rest.last_s - rest.first_s < STALL_S or self._drums[j].braked:
             return
-        others = float(np.median(np.delete(rest.last_way - rest.way, j)))
+        others = float(np.median(np.delete(rest.last_path - rest.path, j)))
         if others >= STALL_OTHERS_MM:
             self._found.append(Stall(self._own[j], rest.begin, rest.last, rest.begin_s, rest.last_s, others))
 

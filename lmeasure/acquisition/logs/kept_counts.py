@@ -1,4 +1,4 @@
-"""Counts of a log of any length: the latest in memory, those before in a file without a name."""
+"""Counts of a log of any length: the latest in memory, earlier ones in a temporary file."""
 
 import pickle
 import tempfile
@@ -23,7 +23,7 @@ PAUSE_S = 5.0
 
 
 class KeptCounts:
-    """Pieces of counts in their order, with times as the log has them, and what is asked of the whole: its ends, its pauses, its gaps.
+    """Pieces of counts in their order, with times as the log has them, and properties of the whole: its ends, pauses and gaps.
 
     The file is the system's temporary one, compressed, and vanishes with its last reader.
     """
